@@ -23,9 +23,5 @@ setup(
     description='The side of the machine: sources of samples and edges, and the driver node.',
     license='Apache-2.0',
     extras_require={'test': ['pytest']},
-    entry_points={
-        'console_scripts': [
-            'driver = checkweigher_driver.driver_node:main',
-        ],
-    },
+    entry_points={'console_scripts': ['driver = checkweigher_driver.driver_node:main']},
 )

@@ -16,13 +16,13 @@ import tempfile
 from typing import IO
 
 from checkweigher_bringup.errors import UserError
+from checkweigher_core.input_files import sha256_of
 from checkweigher_core.state_files import replacing, sync_folder
 from checkweigher_production.audit_log import head_path, read_consistent, read_log
 from checkweigher_production.audit_words import conclusion
 
 _SUMS = 'SHA256SUMS'
 _FOLDER = 'machine'  # name of the folder in an archive
-_CHUNK = 2**20  # bytes
 
 
 class _Hashed:
@@ -136,47 +136,24 @@ def restore_backup(archive: Path, folder: Path) -> int:
     try:
         try:
             with tarfile.open(archive, 'r:') as tar:
-                found, sums = _extract(tar, place)
+                tar.extractall(place, filter='tar')
         except tarfile.TarError as error:
             raise UserError(f'{archive}: is not a backup, or is damaged: {error}') from None
+        if not ((place / _SUMS).is_file() and (place / _FOLDER).is_dir()):
+            raise UserError(f'{archive}: is not a backup of a machine')
+        lines = (place / _SUMS).read_text(encoding='utf-8', errors='replace').splitlines()
+        sums = {name: digest for digest, _, name in (line.partition('  ') for line in lines)}
+        files = (path for path in (place / _FOLDER).rglob('*') if path.is_file())
+        found = {str(path.relative_to(place)): sha256_of(path) for path in files}
         for name in sorted(found.keys() | sums.keys()):
             if found.get(name) != sums.get(name):
                 raise UserError(f'{archive}: {name}: is not as it was saved')
-        if not (place / _FOLDER).is_dir():
-            raise UserError(f'{archive}: is not a backup of a machine')
         os.sync()
         os.replace(place / _FOLDER, folder)
     finally:
         shutil.rmtree(place)
     sync_folder(folder.parent)
     return len(found)
-
-
-def _extract(tar: tarfile.TarFile, place: Path) -> tuple[dict[str, str], dict[str, str]]:
-    """Extract an archive. Returns the computed and the stated SHA-256 of each file."""
-    found: dict[str, str] = {}
-    sums: dict[str, str] = {}
-    for entry in tar:
-        parts = PurePosixPath(entry.name).parts
-        file = tar.extractfile(entry) if entry.isreg() else None
-        if entry.name == _SUMS and file is not None:
-            for line in file.read().decode(errors='replace').splitlines():
-                digest, _, name = line.partition('  ')
-                sums[name] = digest
-        elif parts[:1] != (_FOLDER,) or '..' in parts or not (entry.isdir() or file):
-            raise tarfile.TarError(f'{entry.name!r} is not part of a backup')
-        elif file is None:
-            (place / entry.name).mkdir(parents=True)
-        else:
-            hashed = _Hashed(file)
-            with (place / entry.name).open('xb') as written:
-                while data := hashed.read(_CHUNK):
-                    written.write(data)
-            found[entry.name] = hashed.digest
-        if parts[:1] == (_FOLDER,):
-            os.chmod(place / entry.name, entry.mode & 0o777)
-            os.utime(place / entry.name, (entry.mtime, entry.mtime))
-    return found, sums
 
 
 def print_log(log: Path) -> bool:

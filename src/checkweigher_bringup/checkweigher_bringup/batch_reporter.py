@@ -9,7 +9,6 @@ for a report. The node writes the SHA-256 of each report to the audit log of the
 import os
 from pathlib import Path
 
-from checkweigher_bringup.batch_report import write_report
 from checkweigher_core.changes import REPORT
 from checkweigher_core.input_files import sha256_of
 from checkweigher_core.records import BatchResult
@@ -17,9 +16,6 @@ from checkweigher_core.ros import ports
 from checkweigher_core.ros.change_record import ChangeRecord
 from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.ros.running import run
-from checkweigher_production.batch_record import read_lines
-from checkweigher_validation.batch.batch import read_recorded
-from checkweigher_validation.batch.figures import figures_of
 
 _POLL_PERIOD = 0.5  # s
 _SEED = 1  # seed for the samples of the reference test
@@ -50,6 +46,12 @@ def write_files(record: Path, sha256: str) -> dict[str, str]:
 
     Raises `ValueError` if `sha256` is not the SHA-256 of the record.
     """
+    # Imported late, because the imports are slow and a line starts without a report.
+    from checkweigher_bringup.batch_report import write_report
+    from checkweigher_production.batch_record import read_lines
+    from checkweigher_validation.batch.batch import read_recorded
+    from checkweigher_validation.batch.figures import figures_of
+
     # The node product has just written the record, so the log that it names is the right one.
     log = next(read_lines(record)).get('audit_log')
     batch = read_recorded(record, Path(log) if log else None)

@@ -11,10 +11,10 @@ from checkweigher_bringup.errors import UserError, warn
 from checkweigher_core.recording import Recording
 from checkweigher_core.records import GRAMS, Decision
 from checkweigher_core.whole_file import check_folder_of, is_stream
+from checkweigher_dsp.signal.averages import RunningMoments
 from checkweigher_recording.bags.reading import read_bag
 from checkweigher_validation.accuracy.results import (
     TABLE_HEADER,
-    ErrorSum,
     ItemResult,
     summary,
     table_row,
@@ -57,7 +57,7 @@ class ItemTable:
         self._file = file
         self._decisions: Counter[Decision] = Counter()
         # Only sums of the errors in g are kept, because a line may run for months.
-        self._errors = ErrorSum()
+        self._errors = RunningMoments()
         if origin is not None:
             self._print(TABLE_HEADER)
 

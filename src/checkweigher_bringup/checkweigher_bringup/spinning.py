@@ -91,10 +91,17 @@ def memory_file() -> Iterator[Path]:
         os.close(number)
 
 
-def write_parameter_file(path: Path, parameters: Mapping[str, Mapping[str, object]]) -> None:
-    """Write a ROS parameter file from the parameters of each node."""
+def write_parameter_file(
+    path: Path, parameters: Mapping[str, Mapping[str, object]], namespace: str = '**'
+) -> None:
+    """Write a ROS parameter file from the parameters of each node in a namespace, by default any.
+
+    ROS groups the values of all files by the stated name of the node, such as ``/**/driver``, and
+    applies the groups in the order of their first occurrence. A file that must override all others
+    therefore needs the namespace, so that it states the full name of each node.
+    """
     content = {
-        f'/**/{node}': {
+        f'/{namespace}/{node}'.replace('//', '/'): {
             'ros__parameters': {
                 name: list(value) if isinstance(value, tuple) else value
                 for name, value in values.items()

@@ -18,7 +18,6 @@ from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch.utilities import normalize_to_list_of_substitutions, perform_substitutions
 from launch.utilities.type_utils import normalize_typed_substitution, perform_typed_substitution
 from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
 from checkweigher_bringup.commissioning.machine_folder import DEFAULTS as OF_FOLDER
@@ -30,6 +29,7 @@ from checkweigher_core.ros.graph.policy import enclave_arguments
 from checkweigher_core.ros.ports import NODES
 from checkweigher_core.ros.services import OF_MACHINE
 from checkweigher_gateways.settings import read_gateways
+from checkweigher_web.access.site import Site
 
 RESPAWN_DELAY = 1.0  # s
 LOG_LEVEL = ['--log-level', LaunchConfiguration('log_level')]
@@ -70,7 +70,7 @@ ARGUMENTS = {
     'host': 'name of this host in the file lanes',
     'log_level': 'lowest severity that the nodes log: debug, info, warn, error or fatal',
 }
-PAGE_OPTIONS = ('host', 'certificate', 'key')
+PAGE_OPTIONS = {'host': str, 'certificate': Path, 'key': Path}
 WITH_LANES = (
     *('respawn', 'page', *(f'page_{name}' for name in PAGE_OPTIONS), 'gateways'),
     *('lanes', 'host', 'log_level'),
@@ -98,19 +98,18 @@ def make_line(context):
     one_process = LaunchConfiguration('one_process')
     namespace = LaunchConfiguration('namespace').perform(context).strip('/')
     kept = kept_running(context)
+    folder = LaunchConfiguration('folder').perform(context)
     common_ros = [*LOG_LEVEL, *remap_arguments(context)]
-    files, own = files_and_parameters(context, Path(params_file))
-    own['driver'] |= driver_parameters(context)
-    own['reject'] |= reject_parameters(context)
+    files = parameter_files(context, Path(params_file), folder, namespace)
 
-    def node(executable, condition, *parameters, package='checkweigher_bringup', **options):
+    def node(executable, condition, package='checkweigher_bringup', **options):
         # The action is not a LifecycleNode, because `driver` and `reject` activate themselves. A
         # LifecycleNode with autostart is activated only once, and not after a respawn.
         return Node(
             package=package,
             executable=executable,
             namespace=namespace,
-            parameters=[*files, *parameters],
+            parameters=files,
             ros_arguments=[*common_ros, *enclave_arguments(namespace, executable)],
             condition=condition,
             **kept,
@@ -120,16 +119,13 @@ def make_line(context):
     ends = partial(on_exit, respawn=kept['respawn'])
     apart = UnlessCondition(one_process)
     return [
-        node('line', IfCondition(one_process), *(own[name] for name in NODES), on_exit=ends),
+        node('line', IfCondition(one_process), on_exit=ends),
         *(
-            node(name, apart, own[name], package=module.partition('.')[0], name=name, on_exit=ends)
+            node(name, apart, module.partition('.')[0], name=name, on_exit=ends)
             for name, module in NODES.items()
         ),
-        *(
-            node(name, IfCondition('true' if own[name] else 'false'), own[name])
-            for name in OF_MACHINE
-        ),
-        make_page(context, kept),
+        *(node(name, None) for name in OF_MACHINE if folder),
+        *make_page(context, kept),
         *make_gateways(context, kept),
         node('batch_reporter', IfCondition(LaunchConfiguration('batch_reports'))),
     ]
@@ -164,34 +160,42 @@ def make_host(context, lanes, host):
             executable='line',
             namespace=share.lane,
             arguments=list(share.nodes),
-            parameters=[*map(str, share.params), own_file(share)],
+            parameters=[*map(str, share.params), parameter_file(share.parameters, share.lane)],
             ros_arguments=[*LOG_LEVEL, *enclave_arguments(share.lane, 'line')],
             on_exit=partial(on_exit, respawn=kept['respawn']),
             **kept,
         )
         for share in line.shares(host)
     ]
-    return [*environment, *nodes, make_page(context, kept), *make_gateways(context, kept)]
+    return [*environment, *nodes, *make_page(context, kept), *make_gateways(context, kept)]
 
 
-def own_file(share):
-    """Return the path of a temporary file with the parameters of a share."""
+def parameter_file(parameters, *namespace):
+    """Return the path of a temporary file with the parameters of each node."""
     file = NamedTemporaryFile(suffix='.yaml')  # noqa: SIM115
     _files.append(file)
-    write_parameter_file(Path(file.name), {'product': share.product})
+    write_parameter_file(Path(file.name), parameters, *namespace)
     return file.name
 
 
 def make_page(context, kept):
     """Return the action that starts the page of all lanes if the argument `page` is true."""
-    options = {name: LaunchConfiguration(f'page_{name}').perform(context) for name in PAGE_OPTIONS}
-    return Node(
-        package='checkweigher_web',
-        executable='page',
-        arguments=[w for name, value in options.items() if value for w in (f'--{name}', value)],
-        condition=IfCondition(LaunchConfiguration('page')),
-        **kept,
-    )
+    if not is_true(context, 'page'):
+        return []
+    options = {
+        name: kind(value)
+        for name, kind in PAGE_OPTIONS.items()
+        if (value := LaunchConfiguration(f'page_{name}').perform(context))
+    }
+    Site(**options).checked()  # otherwise a page that cannot start would be restarted forever
+    return [
+        Node(
+            package='checkweigher_web',
+            executable='page',
+            arguments=[w for name, value in options.items() for w in (f'--{name}', str(value))],
+            **kept,
+        )
+    ]
 
 
 def make_gateways(context, kept):
@@ -214,25 +218,30 @@ def kept_running(context):
     On SIGTERM, launch ends without ending its processes, which would then prevent a new start. With
     the added variable, each process ends with its parent.
     """
-    respawn = normalize_typed_substitution(LaunchConfiguration('respawn'), bool)
-    respawn = perform_typed_substitution(context, respawn, bool)
     return {
         'output': 'screen',
-        'respawn': respawn,
+        'respawn': is_true(context, 'respawn'),
         'respawn_delay': RESPAWN_DELAY,
         'additional_env': child_variable(),
     }
 
 
-def files_and_parameters(context, params_file):
-    """Return the parameter files, and the parameters by which each node uses the folder."""
-    own = {name: {} for name in (*NODES, *OF_MACHINE)}
-    path = LaunchConfiguration('folder').perform(context)
-    if not path:
-        return [str(params_file)], own
-    folder = MachineFolder.made(Path(path))
-    files = [OF_FOLDER['driver'], *map(str, folder.files(params_file))]
-    return files, own | folder.parameters(params_file, restarts=False)
+def is_true(context, name):
+    """Return the value of an argument that is true or false."""
+    value = normalize_typed_substitution(LaunchConfiguration(name), bool)
+    return perform_typed_substitution(context, value, bool)
+
+
+def parameter_files(context, params_file, folder, namespace):
+    """Return the parameter files of the line, of which later files override earlier files."""
+    first, files, own = [], [str(params_file)], {}
+    if folder:
+        machine = MachineFolder.made(Path(folder))
+        first, files = [parameter_file(OF_FOLDER)], [*map(str, machine.files(params_file))]
+        own = machine.parameters(params_file, restarts=False)
+    own['driver'] = own.get('driver', {}) | driver_parameters(context)
+    own['reject'] = own.get('reject', {}) | reject_parameters(context)
+    return [*first, *files, parameter_file(own, namespace)]
 
 
 def on_exit(event, context, *, respawn):
@@ -253,9 +262,9 @@ def driver_parameters(context):
     )
     parameters = {}
     if source or bag:
-        parameters['source'] = ParameterValue(source or 'bag', value_type=str)
+        parameters['source'] = source or 'bag'
     if bag:
-        parameters['bag.path'] = ParameterValue(bag, value_type=str)
+        parameters['bag.path'] = bag
     if rate:
         try:
             parameters['rate'] = float(rate)

@@ -12,7 +12,7 @@ import sys
 import time
 
 import pytest
-from running import BAGS, PATIENCE, command_line
+from running import BAGS, PATIENCE, command_line, family
 
 NUMBERS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGKILL)
 BAG, ITEMS = str(BAGS / 'paper_90'), 25
@@ -41,20 +41,6 @@ COMMANDS = {
 }
 # They show what there is until they are asked to end, and recorders say that nothing came.
 WITHOUT_STATUS = {'echo': {0}, 'status': {0, 1}, 'record': {0, 2}}
-
-
-def family(mark: str) -> dict[int, str]:
-    """Return number and command line of each process whose environment has a mark."""
-    found = {}
-    for folder in Path('/proc').glob('[0-9]*'):
-        try:
-            if mark.encode() in (folder / 'environ').read_bytes():
-                words = (folder / 'cmdline').read_bytes().split(b'\0')
-                if words != [b'']:  # one that has ended
-                    found[int(folder.name)] = b' '.join(words).decode(errors='replace')
-        except OSError:
-            continue
-    return found
 
 
 class Tried:
@@ -133,6 +119,15 @@ def test_every_process_ends_with_its_command(
     tried = Tried(COMMANDS[name], tmp_path, number, processes=processes)
 
     assert not problem(name, number, tried)
+
+
+def test_a_gateway_ends_with_a_line_that_is_killed(tmp_path: Path):
+    settings = tmp_path / 'gateways.yaml'
+    settings.write_text('metrics: {port: 0}')
+
+    tried = Tried(('run', '--gateways', str(settings)), tmp_path, signal.SIGKILL, processes=3)
+
+    assert not tried.processes
 
 
 IN_A_TEXT = """

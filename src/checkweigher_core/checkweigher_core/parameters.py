@@ -203,11 +203,6 @@ def check_cost(parameters: Parameters, cost: Callable[..., float], *names: str) 
     )
 
 
-def _is_common(name: str) -> bool:
-    """Return whether a name is one of the parameters that rclpy gives to nodes."""
-    return name == 'use_sim_time' or name.startswith('qos_overrides.')
-
-
 def by_node(
     sections: object,
     sets: Mapping[str, type[Parameters]],
@@ -237,23 +232,17 @@ def by_node(
             raise SettingsError(f'addresses none of {", ".join([*sets, *other_nodes])}', address)
         if str(address) in ignored:
             continue
-        named = {name: value for name, value in flatten(values).items() if not _is_common(name)}
-        if node == _ALL:
-            _check_names(named, known, address)
-        given[node] |= named
+        for name, value in flatten(values).items():
+            if name == 'use_sim_time' or name.startswith('qos_overrides.'):
+                continue  # parameters that rclpy gives to nodes
+            if node == _ALL and not any(name in names for names in known.values()):
+                why = f'none of {", ".join(known)} has a parameter {name}'
+                raise SettingsError(why, address, 'ros__parameters', *name.split('.'))
+            given[node][name] = value
     return {
         node: {name: value for name, value in given[_ALL].items() if name in names} | given[node]
         for node, names in known.items()
     }
-
-
-def _check_names(
-    names: Iterable[str], known: Mapping[str, Collection[str]], address: object
-) -> None:
-    for name in names:
-        if not any(name in parameters for parameters in known.values()):
-            why = f'none of {", ".join(known)} has a parameter {name}'
-            raise SettingsError(why, address, 'ros__parameters', *name.split('.'))
 
 
 def check_sections(sections: object) -> dict[Any, dict[str, Any]]:

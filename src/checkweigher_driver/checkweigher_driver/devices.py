@@ -7,12 +7,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, ClassVar, cast
 
-from checkweigher_core.parameters import (
-    ParameterError,
-    Parameters,
-    package_missing,
-    parameter,
-)
+from checkweigher_core.parameters import ParameterError, Parameters, package_missing, parameter
 from checkweigher_driver.line_io.machine_inputs import MachineInputs
 from checkweigher_driver.line_io.outputs import MachineOutputs
 from checkweigher_driver.line_io.rejector_control import OutputParameters

@@ -83,9 +83,7 @@ class DriverWatch:
                 'check its cable, power and parameters, then restart the driver',
             ),
             error_if(
-                bool(trouble),
-                trouble,
-                'check cable and power; after the repair, reset the stop',
+                bool(trouble), trouble, 'check cable and power; after the repair, reset the stop'
             ),
             warn_if(
                 self._state == 'inactive',

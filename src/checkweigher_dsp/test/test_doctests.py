@@ -22,7 +22,7 @@ WITH_EXAMPLES = {
     'estimation.estimators.fir_model', 'estimation.estimators.gauss_markov',
     'estimation.estimators.iswd_eksi', 'estimation.estimators.tvlpf', 'estimation.identifier',
     'signal.autoregression', 'signal.averages', 'signal.extended_kalman',
-    'signal.platform_poles', 'signal.platform_response', 'signal.prewhitening',
+    'signal.platform_response', 'signal.prewhitening',
 }  # fmt: skip
 MODULES = sorted(
     found.name.removeprefix('checkweigher_dsp.')

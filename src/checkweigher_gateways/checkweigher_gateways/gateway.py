@@ -17,6 +17,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from checkweigher_core.health.findings import Finding
+from checkweigher_core.parent_process import end_with_parent
 from checkweigher_core.ros.graph.policy import enclave_arguments
 from checkweigher_core.ros.spinner import Spinner
 from checkweigher_gateways import KINDS
@@ -116,6 +117,7 @@ def main() -> None:
     parser.add_argument('--namespace')
     given = parser.parse_args(remove_ros_args(sys.argv)[1:])
     signal.signal(signal.SIGTERM, signal.default_int_handler)
+    end_with_parent()
     try:
         with suppress(KeyboardInterrupt):
             serve(given.kind, read_gateways(given.settings), given.namespace)

@@ -19,6 +19,7 @@ from checkweigher_core.records import (
 )
 from checkweigher_core.records.reasons import StopReason
 from checkweigher_core.ros.ports import DIAGNOSTICS, STOP_REQUEST
+from checkweigher_core.ros.status_board import number_of
 from checkweigher_gateways.listening import Taken
 
 
@@ -108,4 +109,4 @@ class LaneStates:
             if aspect == 'driver: Source':
                 state.is_active = values.get('state') != 'inactive'
             elif aspect == 'segmenter: Zero':
-                state.zero = float(values.get('from_calibration_g', 'nan')) / GRAMS
+                state.zero = number_of(values.get('from_calibration_g', '')) / GRAMS

@@ -9,17 +9,11 @@ from typing import Any
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, start_http_server
 
 from checkweigher_core.health.findings import Level
-from checkweigher_core.records import (
-    GRAMS,
-    Alarms,
-    ProductOnLine,
-    StopRequest,
-    Verdict,
-    seconds,
-)
+from checkweigher_core.records import GRAMS, Alarms, ProductOnLine, StopRequest, Verdict, seconds
 from checkweigher_core.records.reasons import Reason
 from checkweigher_core.ros.ports import DIAGNOSTICS, NODES, STOP_REQUEST
 from checkweigher_core.ros.services import GATEWAYS, OF_MACHINE, REPORTER
+from checkweigher_core.ros.status_board import number_of
 from checkweigher_gateways.gateway import Gateway, GatewayError
 from checkweigher_gateways.listening import Taken
 from checkweigher_gateways.settings import GatewaySettings, MetricsSettings
@@ -183,7 +177,7 @@ class Metrics(Gateway):
             for value in status.values:
                 if (figure := self._figures.get((node, aspect, value.key))) is not None:
                     gauge, factor = figure
-                    gauge.labels(lane).set(factor * float(value.value))
+                    gauge.labels(lane).set(factor * number_of(value.value))
 
     async def turn(self) -> None:
         """Update the states of the processes, and the number of dropped records."""

@@ -18,6 +18,7 @@ from urllib.error import URLError
 from urllib.request import urlopen
 
 from authority import Authority
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from gateway_process import LANE, Verdicts, gateway
 from prometheus_client import Metric
 from prometheus_client.parser import text_string_to_metric_families
@@ -116,6 +117,31 @@ def test_the_metrics_are_those_of_the_verdicts(verdicts: Verdicts):
     os.kill(verdicts.gateway(), signal.SIGKILL)
     verdicts.go_on()
     wait_for(lambda: seen() > 0, 'a gateway again')
+
+
+def test_text_in_place_of_a_number_does_not_end_the_gateway(verdicts: Verdicts):
+    wait_for(lambda: seen() > 0, 'an item')
+    process = verdicts.gateway()
+    publisher = verdicts.create_publisher(DiagnosticArray, '/diagnostics', 10)
+    message = DiagnosticArray(
+        status=[
+            DiagnosticStatus(
+                name=f'stranger/segmenter: {aspect}', values=[KeyValue(key=key, value=v)]
+            )
+            for aspect, key, v in (
+                ('Zero', 'from_calibration_g', 'unknown'),
+                ('Belt noise', 'std_dev_g', '0.5'),
+            )
+        ]
+    )
+
+    def noise() -> float:
+        publisher.publish(message)
+        return Scrape().value('belt_noise_grams', lane='stranger')
+
+    wait_for(lambda: noise() == 0.5)
+    assert math.isnan(Scrape().value('zero_offset_grams', lane='stranger'))
+    assert verdicts.gateway() == process
 
 
 def check_metrics(page: str) -> None:

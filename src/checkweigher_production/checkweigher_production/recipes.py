@@ -28,7 +28,7 @@ limits for the reject node.
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 import math
 from pathlib import Path
 from statistics import NormalDist
@@ -42,7 +42,7 @@ from checkweigher_core.parameters import (
     flatten,
     parameter,
 )
-from checkweigher_core.records import GRAMS, ProductOnLine
+from checkweigher_core.records import GRAMS, NanEqual, ProductOnLine
 from checkweigher_core.settings_files import Settings, read_settings, settings_of
 from checkweigher_core.state_files import changing
 from checkweigher_core.whole_file import output_error, write_whole
@@ -81,8 +81,8 @@ class Guard(Parameters):
     )
 
 
-@dataclass(frozen=True)
-class Product(Settings):
+@dataclass(frozen=True, eq=False)
+class Product(NanEqual, Settings):
     """Recipe of one product. Masses are in kg."""
 
     name: str = parameter(text='by which the operator selects it')
@@ -129,14 +129,6 @@ class Product(Settings):
         1, 'number of persons who must have signed when a batch is released', minimum=1, maximum=2
     )
 
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Product):
-            return NotImplemented
-        # As in dataclasses before Python 3.13: two recipes with the NaN of "not set" are equal.
-        names = [each.name for each in fields(self) if each.compare]
-        own, others = ([getattr(each, name) for name in names] for each in (self, other))
-        return own == others
-
     def __post_init__(self) -> None:
         own = _parameters(self.parameters)
         if self.guard is not None:
@@ -150,14 +142,19 @@ class Product(Settings):
                 if math.isnan(getattr(self, name)):
                     object.__setattr__(self, name, limit)
         object.__setattr__(self, 'lower_limit', self._lower_limit())
-        for name, side, beyond in (
-            ('lower_limit', 'above', self.lower_limit > self.nominal),
-            ('upper_limit', 'below', self.upper_limit < self.nominal),
-        ):
-            if beyond:
-                raise SettingsError(
-                    f'{getattr(self, name):g} kg is {side} nominal, {self.nominal:g} kg', name
-                )
+        self._check_spans()
+        if self.filler is not None:
+            _check_filler(self.filler, self.nominal)
+        if self.test is not None:
+            _check_test(self.test, self.nominal + self.tare)
+
+    def _check_spans(self) -> None:
+        if self.lower_limit > self.nominal:
+            text = f'{self.lower_limit:g} kg is above nominal, {self.nominal:g} kg'
+            raise SettingsError(text, 'lower_limit')
+        if self.upper_limit < self.nominal:
+            text = f'{self.upper_limit:g} kg is below nominal, {self.nominal:g} kg'
+            raise SettingsError(text, 'upper_limit')
         for name in ('length', 'speed'):
             smallest, largest = getattr(self, name)
             if not smallest < largest:
@@ -166,10 +163,6 @@ class Product(Settings):
                     'smallest, then the largest',
                     name,
                 )
-        if self.filler is not None:
-            _check_filler(self.filler, self.nominal)
-        if self.test is not None:
-            _check_test(self.test, self.nominal + self.tare)
 
     def _lower_limit(self) -> float:
         """Return the lower limit in kg, which may be given in a recipe as TU1 or TU2."""
@@ -334,15 +327,11 @@ def _check_filler(filler: FillerParameters, nominal: float) -> None:
 def _check_test(test: PerformancePlan, gross: float) -> None:
     if not _is_near(test.mass, gross):
         raise SettingsError(
-            f'{test.mass:g} kg is more than half off nominal and tare, {gross:g} kg',
-            'test',
-            'mass',
+            f'{test.mass:g} kg is more than half off nominal and tare, {gross:g} kg', 'test', 'mass'
         )
     if test.limit >= test.mass * _LARGEST_ERROR:
         raise SettingsError(
-            f'{test.limit:g} kg is not below a tenth of the mass, {test.mass:g} kg',
-            'test',
-            'limit',
+            f'{test.limit:g} kg is not below a tenth of the mass, {test.mass:g} kg', 'test', 'limit'
         )
 
 

@@ -53,11 +53,7 @@ _CONTENTS = {
         (3_200, ((50, 2, 5), (100, 6, 7))),
         (math.inf, ((80, 3, 7), (160, 8, 9))),
     ),
-    SamplingPlan.SINGLE: (
-        (500, ((50, 3, 4),)),
-        (3_200, ((80, 5, 6),)),
-        (math.inf, ((125, 7, 8),)),
-    ),
+    SamplingPlan.SINGLE: ((500, ((50, 3, 4),)), (3_200, ((80, 5, 6),)), (math.inf, ((125, 7, 8),))),
 }
 # Each row contains the largest batch size, the sample size, and k.
 _MEANS = {
@@ -102,10 +98,7 @@ class ReferenceTest:
 
 
 def reference_test(
-    masses: Sequence[float],
-    nominal: float,
-    seed: int = 1,
-    plan: SamplingPlan = SamplingPlan.DOUBLE,
+    masses: Sequence[float], nominal: float, seed: int = 1, plan: SamplingPlan = SamplingPlan.DOUBLE
 ) -> ReferenceTest:
     """Judge a batch by random samples.
 

@@ -14,7 +14,7 @@ from statistics import median
 from checkweigher_core.records import NANOSECONDS, Decision, MassEstimate, Statistics, Verdict
 from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.rejection.batch_rules import BatchTally
-from checkweigher_dsp.signal.running_moments import RunningMoments
+from checkweigher_dsp.signal.averages import RunningMoments
 from checkweigher_production.prepackages import ROUNDING
 from checkweigher_production.recipes import Product
 

@@ -12,8 +12,6 @@ import os
 import signal
 from typing import Any
 
-from loky import cpu_count, get_reusable_executor
-
 from checkweigher_core.parent_process import end_with_parent
 from checkweigher_recording.progress import with_progress
 
@@ -57,6 +55,8 @@ class _Processes(Workers):
         self._executor: Any = None
 
     def submit(self, job: Job, alone: bool) -> Future[Any]:
+        from loky import get_reusable_executor  # imported late, because the import is slow
+
         with _mute():
             while True:
                 # The executor is a new one if a process of the previous executor was killed.
@@ -151,6 +151,8 @@ def jobs_as_done(
 
     Raises `ClusterLostError` if the jobs ran on a cluster that was lost.
     """
+    from loky import cpu_count  # imported late, because the import is slow
+
     count = min(n_jobs or cpu_count(), len(jobs))
     elsewhere = _ELSEWHERE.get()
     if elsewhere is None and count <= 1:

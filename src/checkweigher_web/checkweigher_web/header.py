@@ -32,8 +32,8 @@ _PERIOD = 1.0  # s
 _LEVELS = Level.ERROR, Level.WARN
 _FACTS = 'product', 'batch', 'state', 'alarms', 'health'
 _HOW_TO_ACT = Text(
-    'This page is read-only, because it has no users yet. To operate the machine, log in with the '
-    'code that the page printed in the terminal when it was started.'
+    'This page is read-only, because it has no users yet. To operate the machine, press "Log in": '
+    'the terminal in which the page was started then shows a code.'
 )
 
 
@@ -44,19 +44,21 @@ def header(
     look: Look | None = None,
     others: Callable[[], bool] = lambda: False,
     work: Callable[[], object] = lambda: None,
+    back: tuple[str, str] = (Text('All lanes'), '/'),
 ) -> None:
     """Show the header of a page with its title, the state of its lane and a menu.
 
     `say` is the language of the viewer, and `look` is the state of the viewer of a running lane.
-    The header shows a link to all lanes while `others` returns true. `work` adds entries to the
-    menu. The browser greys the page while the lane is silent or the server does not answer.
+    The header shows the link `back`, which is an English text and an address, while `others`
+    returns true. `work` adds entries to the menu. The browser greys the page while the lane is
+    silent or the server does not answer.
     """
     session = access.session_of(ui.context.client)
     with ui.element('header').classes('head'):
         pulse = Pulse(say)
         heading(title)
         facts = None if look is None else _Facts(look)
-        link = ui.link(say('All lanes'), '/')
+        link = ui.link(say(back[0]), back[1])
         link.set_visibility(others())
         if session is not None:
             ui.label(f'{session.user.name}, {say(session.user.role.name.lower())}')

@@ -23,6 +23,7 @@ from checkweigher_core.records import (
     FillerFeedback,
     LoadCell,
     MassEstimate,
+    NanEqual,
     Reference,
     SampleBlock,
     Statistics,
@@ -72,8 +73,8 @@ class Deed:
     what: str
 
 
-@dataclass(frozen=True, slots=True)
-class ShownItem:
+@dataclass(frozen=True, slots=True, eq=False)
+class ShownItem(NanEqual):
     """Item as the page shows it. Values that have not arrived are None or NaN."""
 
     verdict: Verdict

@@ -3,7 +3,6 @@
 """Nodes that receive the records of lanes, and the signals of a lane only for viewers."""
 
 from collections.abc import Callable
-import math
 import threading
 import time
 from typing import Any
@@ -12,7 +11,7 @@ from checkweigher_core.ros import ports
 from checkweigher_core.ros.graph.lanes import running_lanes
 from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.ros.spinner import Spinner
-from checkweigher_core.ros.status_board import StatusBoard
+from checkweigher_core.ros.status_board import StatusBoard, number_of
 from checkweigher_web.lane import SHOWN, BeltNoise, Lane
 
 _LOOK_PERIOD = 0.5  # s
@@ -69,7 +68,7 @@ class Watch:
             lane, found, _ = status.name.partition(_NOISE)
             if found and (name := lane.strip('/')) in self.lanes:
                 values = {each.key: each.value for each in status.values}
-                grams = float(values.get('std_dev_g', math.nan))
+                grams = number_of(values.get('std_dev_g', ''))
                 self.lanes[name].take(BeltNoise(time.time_ns(), grams))
 
     def _look(self) -> None:

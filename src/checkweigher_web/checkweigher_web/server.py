@@ -25,12 +25,13 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 import uvicorn
 
+from checkweigher_core.parent_process import end_with_parent
 from checkweigher_core.ros.graph.policy import PAGE, enclave_arguments
 from checkweigher_core.ros.spinner import Spinner
 from checkweigher_web import ADDRESS
 from checkweigher_web.access.guard import LOGIN, Access, Guard, bind_events
 from checkweigher_web.access.hardening import PromptProtocol, forget_waiting, log_in_lines
-from checkweigher_web.access.login import add_login
+from checkweigher_web.access.login import add_login, first_user
 from checkweigher_web.access.site import PageError, Site
 from checkweigher_web.access.users import Role
 from checkweigher_web.commissioning.path import CommissioningPath
@@ -38,7 +39,7 @@ from checkweigher_web.drawing import Drawing
 from checkweigher_web.elements import STYLE
 from checkweigher_web.header import header, hint_to_users, page_language
 from checkweigher_web.lane import SHOWN
-from checkweigher_web.languages.language import Language
+from checkweigher_web.languages.language import Language, Text
 from checkweigher_web.listening import Watch
 from checkweigher_web.overview import Overview, show_overview, wait_for_lane
 from checkweigher_web.page import show_lane, show_shift
@@ -198,9 +199,9 @@ def _add_pages(
             ui.navigate.to(LOGIN)
             return
         services = await desk.begin()
-        menu = partial(work_menu, desk, look)
-        header(access, _title(name, look.say), look.say, look, lambda: True, menu)
-        CommissioningPath(desk, services)
+        menu, back = partial(work_menu, desk, look), (Text('Back to the lane'), f'/lane/{name}')
+        header(access, _title(name, look.say), look.say, look, lambda: True, menu, back)
+        CommissioningPath(desk, services, look)
 
     def look_at(name: str) -> tuple[Look, Desk]:
         client = ui.context.client
@@ -254,7 +255,7 @@ def _run(app: FastAPI, access: Access, listener: socket.socket) -> None:
         nicegui.timer(_LOOK_PERIOD, look)
     # Print the address last, because a caller that has read it may send signals to the server.
     code = access.first_code
-    first = f'; no user yet: log in with the code {code} to make the first one' if code else ''
+    first = f'; {first_user(code)}' if code else ''
     nicegui.on_startup(lambda: print(f'page: {site.address}{first}', file=sys.stderr, flush=True))
     config = uvicorn.Config(
         Guard(app, access),
@@ -275,6 +276,7 @@ def _run(app: FastAPI, access: Access, listener: socket.socket) -> None:
 
 def main() -> None:
     """Serve the page of all lanes."""
+    end_with_parent()
     parser = argparse.ArgumentParser()
     parser.add_argument('--host', default=ADDRESS)
     parser.add_argument('--certificate', type=Path)

@@ -8,6 +8,7 @@ import re
 from browsers import errors_of, needs_browser, open_browser
 from persons import Technician, new_line
 import pytest
+from selenium.webdriver.common.by import By
 import yaml
 
 from checkweigher_production.audit_log import read_log
@@ -18,23 +19,32 @@ VALUES = {
     'driver': {'calibration.duration': 0.5, 'simulator.seed': 3},
     'dynamic_setting': {'estimator': 'tvlpf', 'budget': 4},
 }
+_TO_THE_MIDDLE = 'document.querySelector(arguments[0]).scrollIntoView({block: "center"})'
 
 
 class Trainee(Technician):
     """Somebody who commissions a simulated machine."""
 
-    def set_machine(self, *, feed: bool, load: str = '') -> None:
-        """Set the feed of the machine, and the load on its belt in g."""
-        self.open('Simulated machine')
-        box = '.dialog .q-checkbox'
-        if (self.attribute(box, 'aria-checked') == 'true') != feed:
-            self.until(lambda: self.clicked(box))
-        self.fill('Belt speed (empty: as configured)', f'{SPEED:g}')
-        self.fill('Mass of each product (empty: as configured)', f'{MASS:g}')
-        self.fill('Mass that stands on the belt', load)
-        self.press('Set')
-        self.result('✓')
-        self.close()
+    def set_machine(self, label: str, value: str, what: str) -> None:
+        """Change a field of the simulated machine, and wait until the line has done `what`."""
+        self.fill(label, value)
+        self.wait_for(what)
+
+    def switch_feed(self, *, on: bool) -> None:
+        """Start or stop the products of the simulated machine."""
+        switch = '.machine > .q-toggle'
+        self.browser.execute_script(_TO_THE_MIDDLE, switch)  # away from the foot of the page
+        self.until(lambda: self.clicked(switch))
+        self.wait_for(f'feed {on}')
+
+    def value(self, label: str) -> str:
+        """Return the text in a field of the simulated machine."""
+        field = self.browser.find_element(By.CSS_SELECTOR, f'.machine input[aria-label="{label}"]')
+        return str(field.get_property('value'))
+
+    def wait_for(self, what: str) -> None:
+        told = f'simulated machine: {what}: done'
+        self.until(lambda: self.line.noted('ben')[-1:] == [told])
 
     def read(self, load: float) -> None:
         """Read a load when it is on the belt, until it is at rest and read."""
@@ -66,27 +76,29 @@ def test_a_new_line_is_calibrated_tuned_and_runs_by_the_page_alone(tmp_path: Pat
         ben.log_in('ben')
         ben.until(lambda: 'FAULT' in ben.text('.decision'))  # no product is selected yet
 
-        ben.set_machine(feed=False)
         ben.commission('1 Zero')
+        ben.switch_feed(on=False)
+        ben.set_machine('Belt speed', f'{SPEED:g}', f'speed {SPEED / 60}')
+        ben.set_machine('Mass of each product', f'{MASS:g}', f'mass {MASS / 1000}')
         ben.until_done('Set the zero', 'zeroed at')
         ben.until(lambda: '✓' in ben.standing('1 Zero'))
         ben.commission('2 Static')
         ben.make('Read the load')
         ben.said('✓ empty belt: ')
-        ben.set_machine(feed=False, load=f'{MASS:g}')
+        ben.set_machine('Mass that lies on the belt', f'{MASS:g}', f'load {MASS / 1000}')
         ben.fill('Mass on the belt', f'{MASS:g}')
         ben.read(MASS)
         browser.refresh()  # a reloaded page shows the earlier readings
         ben.commission('2 Static')
         ben.until(lambda: ben.text('.stage.static tbody').startswith('empty belt'))
-        ben.set_machine(feed=False)
+        ben.set_machine('Mass that lies on the belt', '', 'load 0.0')
         ben.until_done('Write calibration', 'Deviations')
         cell = yaml.safe_load((line.folder / 'cell.yaml').read_text())['/**/driver']
         found = cell['ros__parameters']['simulator']['counts_per_kg']
         assert found == pytest.approx(SENSITIVITY, rel=0.01)  # each reading takes 0.5 s
 
-        ben.set_machine(feed=True)
         ben.commission('3 Dynamic')
+        ben.switch_feed(on=True)
         ben.fill('Mass of the product', f'{MASS:g}')
         ben.fill('Passes', '1000')
         ben.make('Record passes')
@@ -103,6 +115,8 @@ def test_a_new_line_is_calibrated_tuned_and_runs_by_the_page_alone(tmp_path: Pat
         assert 'tvlpf' in trained.read_text()
         ben.make('Start the line again')
         ben.said('the line restarts')
+        # The new driver has the settings of the configuration.
+        ben.until(lambda: not ben.value('Mass of each product'))
 
         ben.commission('4 Limits')
         ben.fill('Lower limit', '190')

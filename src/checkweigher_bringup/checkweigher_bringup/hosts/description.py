@@ -50,6 +50,12 @@ class Share:
     product: Mapping[str, str]  # parameters of the node `product`, which override the files
 
     @property
+    def parameters(self) -> dict[str, Mapping[str, object]]:
+        """Parameters by node. With recipes, the line gives no verdict without a product."""
+        needs = {'needs_product': True} if 'recipes' in self.product else {}
+        return {'product': self.product, 'reject': needs}
+
+    @property
     def name(self) -> str:
         """Name of the process."""
         return f'{self.lane}/{"+".join(self.nodes) if len(self.nodes) < len(NODES) else "line"}'

@@ -57,13 +57,14 @@ class SupervisedProcess:
 
     def look(self, now: float) -> bool:
         """Start or kill the process if necessary; return false if it will not run any more."""
-        if self._child is not None and (status := self._child.poll()) is not None:
-            self._record_end(now, status)
         if self._child is not None:
-            if self._reports and self._kept and now > self._awaited and not self._hung:
+            status = self._child.poll()
+            if status is not None:
+                self._record_end(now, status)
+            elif self._reports and self._kept and now > self._awaited:
                 self._hung = True
                 self._child.kill()
-        elif not self._given_up and now >= self._ended + self._delay:
+        if self._child is None and not self._given_up and now >= self._ended + self._delay:
             self._child = start_process(self._command())
             if self._reason:
                 say(f'{self._name}: {self._reason}; restarted after {now - self._ended:.1f} s')

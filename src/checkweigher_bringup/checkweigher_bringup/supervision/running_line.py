@@ -69,7 +69,7 @@ def run_line(
     lane, and `SettingsError` if the file `gateways` is invalid.
     """
     with asked_to_end() as asked, memory_file() as first, memory_file() as last:
-        files = _parameter_files(first, params, last, driver, folder)
+        files = _parameter_files(first, params, last, namespace, driver, folder)
         modules = {**(ports.NODES if apart else {'line': _MODULE}), **(BESIDE if folder else {})}
         commands = {
             **_node_commands(modules, files, namespace),
@@ -116,8 +116,7 @@ def run_host(line: LineDescription, host: str) -> int:
         process_of: dict[str, SupervisedProcess] = {}
         for share in shares:
             file = stack.enter_context(memory_file())
-            needs = {'needs_product': True} if 'recipes' in share.product else {}
-            write_parameter_file(file, {'product': share.product, 'reject': needs})
+            write_parameter_file(file, share.parameters, share.lane)
             command = node_command(_MODULE, share.lane, *share.params, file, nodes=share.nodes)
             process = SupervisedProcess(share.name, partial(list, command), kept=not supervises())
             processes[share.name] = process
@@ -152,6 +151,7 @@ def _parameter_files(
     first: Path,
     params: Path | None,
     last: Path,
+    namespace: str,
     driver: Mapping[str, object],
     folder: MachineFolder | None,
 ) -> Callable[[], list[Path]]:
@@ -163,12 +163,12 @@ def _parameter_files(
     if folder is None:
         given = [] if params is None else [params]
         if driver:
-            write_parameter_file(last, {'driver': driver})
+            write_parameter_file(last, {'driver': driver}, namespace)
             given.append(last)
         return lambda: given
     own = folder.parameters(params, restarts=True)
     write_parameter_file(first, DEFAULTS)
-    write_parameter_file(last, {**own, 'driver': {**own['driver'], **driver}})
+    write_parameter_file(last, {**own, 'driver': {**own['driver'], **driver}}, namespace)
     return lambda: [first, *folder.files(params), last]
 
 
@@ -176,10 +176,7 @@ def _processes(commands: Mapping[str, Command]) -> dict[str, SupervisedProcess]:
     """Return a process for each command."""
     return {
         name: SupervisedProcess(
-            name,
-            command,
-            reports=name not in _SILENT,
-            kept=name in _NOT_NEEDED or not supervises(),
+            name, command, reports=name not in _SILENT, kept=name in _NOT_NEEDED or not supervises()
         )
         for name, command in commands.items()
     }

@@ -5,11 +5,15 @@
 from pathlib import Path
 
 import pytest
+import rclpy
 import yaml
 
-from checkweigher_bringup.commissioning.machine_folder import MachineFolder
+from checkweigher_bringup.commissioning.machine_folder import DEFAULTS, MachineFolder
 from checkweigher_bringup.errors import UserError
+from checkweigher_bringup.spinning import write_parameter_file
 from checkweigher_production.recipes import read_recipes
+
+CALIBRATION = 'calibration.file'
 
 
 def test_a_new_folder_has_a_recipe_to_begin_with_and_keeps_what_is_changed(tmp_path: Path):
@@ -58,3 +62,21 @@ def test_a_folder_that_cannot_be_made_is_one_line(tmp_path: Path):
         with pytest.raises(UserError, match=r'--folder .*file') as refused:
             MachineFolder.made(path)
         assert '\n' not in str(refused.value)
+
+
+def test_a_file_that_names_the_lane_does_not_overrule_the_folder(tmp_path: Path):
+    folder = MachineFolder.made(tmp_path)
+    first, dumped, last = (tmp_path / f'{name}.yaml' for name in ('first', 'dumped', 'last'))
+    write_parameter_file(first, DEFAULTS)
+    dumped.write_text(yaml.safe_dump({'/lane1/driver': {'ros__parameters': {CALIBRATION: ''}}}))
+    write_parameter_file(last, folder.parameters(dumped, restarts=False), 'lane1')
+    files = (word for file in (first, dumped, last) for word in ('--params-file', str(file)))
+    context = rclpy.Context()
+    rclpy.init(args=['--ros-args', *files], context=context)
+    try:
+        driver = rclpy.create_node('driver', namespace='lane1', context=context)
+        used = driver.declare_parameter(CALIBRATION, '').value
+        driver.destroy_node()
+    finally:
+        rclpy.try_shutdown(context=context)
+    assert used == str(tmp_path / 'cell.yaml')

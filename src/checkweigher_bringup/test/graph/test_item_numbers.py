@@ -153,8 +153,9 @@ def test_each_item_has_one_verdict_and_one_number_over_kills_of_segmenter_and_re
             campaign.judge_for(chance.uniform(0, 3))
         else:  # hardly has it begun to judge
             campaign.judge_until(Verdict.ACCEPT)
-        # A kill between keeping a number and sending its verdict loses that; the driver sees it.
-        campaign.judge_for(chance.uniform(0.1, 0.5))
+        # A kill between the storing of a number and the sending of its verdict loses the verdict,
+        # and the driver ejects. The next verdict comes 0.6 s after the last one.
+        campaign.judge_for(chance.uniform(0.0, 0.2))
         campaign.kill('reject')
     campaign.judge_until(Verdict.ACCEPT)
     campaign.check()

@@ -28,18 +28,9 @@ _ONE_EYED = 10  # number of edges of one eye after which the other eye must have
 _GAPS, _LOST, _AGAIN = 'gaps', 'samples_lost', 'blocks_doubled_or_late'
 _RESTARTS, _SATURATED = 'source_restarts', 'samples_saturated'
 # Name of each count, with the noun for its unit in messages.
-_COUNTED = {
-    _GAPS: 'gap',
-    _LOST: 'sample',
-    _AGAIN: 'block',
-    _RESTARTS: 'time',
-    _SATURATED: 'sample',
-}
+_COUNTED = {_GAPS: 'gap', _LOST: 'sample', _AGAIN: 'block', _RESTARTS: 'time', _SATURATED: 'sample'}
 _WARNINGS = {
-    _GAPS: (
-        '{samples_lost} lost in {gaps}',
-        'check processor load, cable and network',
-    ),
+    _GAPS: ('{samples_lost} lost in {gaps}', 'check processor load, cable and network'),
     _AGAIN: (
         '{blocks_doubled_or_late} arrived twice or too late',
         'check whether two drivers run, and the network between driver and segmenter',

@@ -7,6 +7,7 @@ docstrings name those on the system clock. An unknown stamp is None, an unknown 
 `checkweigher_core.ros.conversion` converts between records and messages.
 """
 
+from checkweigher_core.records.equality import NanEqual
 from checkweigher_core.records.machine import (
     ExternalReject,
     Eye,

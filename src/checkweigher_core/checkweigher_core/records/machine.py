@@ -31,38 +31,18 @@ class StreamState(IntEnum):
 class LoadCell:
     """Load cell, with the calibration that converts its readings to kg.
 
-    Attributes
-    ----------
-    sample_rate : float
-        Samples per second, in Hz.
-    counts_per_kg : float
-        Sensitivity in counts/kg. It is negative if the cell is mounted upside down.
-    zero_counts : float
-        Reading of the empty belt at calibration, in counts.
-    min_counts, max_counts : int
-        Limits of the converter in counts. A reading at or beyond a limit is saturated.
-    capacity : float
-        Largest load on the belt in kg, without the weight of the belt.
-    weigh_length : float
-        Distance from the infeed eye to the outfeed eye in m.
-    model, serial_number : str
-        Model and serial number; empty if unknown.
-
-    Raises
-    ------
-    ValueError
-        If a value is impossible for a load cell. The message names the field.
+    Raises ValueError with the name of the field if a value is impossible for a load cell.
     """
 
-    sample_rate: float
-    counts_per_kg: float
-    zero_counts: float
-    min_counts: int
-    max_counts: int
-    capacity: float
-    weigh_length: float
-    model: str = ''
-    serial_number: str = ''
+    sample_rate: float  # samples per second, in Hz
+    counts_per_kg: float  # sensitivity; negative if the cell is mounted upside down
+    zero_counts: float  # reading of the empty belt at calibration, in counts
+    min_counts: int  # lower limit of the converter, at which a reading is saturated
+    max_counts: int  # upper limit of the converter, at which a reading is saturated
+    capacity: float  # largest load on the belt in kg, without the weight of the belt
+    weigh_length: float  # distance from the infeed eye to the outfeed eye in m
+    model: str = ''  # empty if unknown
+    serial_number: str = ''  # empty if unknown
 
     def __post_init__(self) -> None:
         for name, (least, most, unit) in _POSSIBLE.items():

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 import math
 
+from checkweigher_core.records.equality import NanEqual
 from checkweigher_core.records.quantities import Stamp
 
 
@@ -50,8 +51,8 @@ class ProductOnLine:
     batch_surplus: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class PerformanceTest:
+@dataclass(frozen=True, slots=True, eq=False)
+class PerformanceTest(NanEqual):
     """State of the performance test of a recipe. Stamps are on the system clock.
 
     `stamp` is the beginning of the state, or the last pass of a running test. `who` is the tester.
@@ -75,8 +76,8 @@ class PerformanceTest:
     errors: tuple[float, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class Statistics:
+@dataclass(frozen=True, slots=True, eq=False)
+class Statistics(NanEqual):
     """Statistics of one product in one batch. Masses are in kg, without tare.
 
     `stamp` is the largest t3 of the items. `reason_counts` contains the number of items with each

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 import math
 
+from checkweigher_core.records.equality import NanEqual
 from checkweigher_core.records.quantities import Stamp
 from checkweigher_core.records.reasons import StopReason
 
@@ -19,8 +20,8 @@ class Decision(IntEnum):
     OVER = 3
 
 
-@dataclass(frozen=True, slots=True)
-class Verdict:
+@dataclass(frozen=True, slots=True, eq=False)
+class Verdict(NanEqual):
     """Verdict on one item. Masses and limits are in kg.
 
     `estimate_id` equals `item_id`, or is 0 if the verdict was given without a mass estimate. The

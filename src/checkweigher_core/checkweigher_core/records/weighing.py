@@ -8,11 +8,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_core.records.equality import NanEqual
 from checkweigher_core.records.quantities import Stamp
 
 
-@dataclass(frozen=True, slots=True)
-class Item:
+@dataclass(frozen=True, slots=True, eq=False)
+class Item(NanEqual):
     """Item on the line. The window, the estimate and the verdict of an item have its `item_id`.
 
     The segmenter publishes an item when no later edge can change its number, and once more when its
@@ -81,8 +82,8 @@ class WeighWindow:
         return force
 
 
-@dataclass(frozen=True, slots=True)
-class MassEstimate:
+@dataclass(frozen=True, slots=True, eq=False)
+class MassEstimate(NanEqual):
     """Mass of one item with its standard deviation, or the reasons why it has no mass.
 
     `mass`, `std_dev`, `b1` and `zero` (relative to the zero of the calibration) are in kg.

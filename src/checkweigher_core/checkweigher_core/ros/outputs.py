@@ -75,13 +75,16 @@ class HeldOutput(Output):
     immediately. An input in the same process is a consumer. A subscriber in another process is a
     consumer if its node also publishes messages of the type of the port `answer`, so a recorder is
     no consumer. If `answer` is None, or if no consumer has appeared after some time, any subscriber
-    counts as a consumer.
+    counts as a consumer. The function `before` is called with each record just before it is sent.
     """
 
-    def __init__(self, node: Node, port: Port, answer: Port | None = None) -> None:
+    def __init__(
+        self, node: Node, port: Port, answer: Port | None = None, before: Callback | None = None
+    ) -> None:
         super().__init__(node, port)
         self._node = node
         self._answer = answer
+        self._before = before
         self._held: deque[Any] | None = deque(maxlen=_MAX_HELD)
         self._first_seen: float | None = None
         self._matched = (0, 0.0)  # number of subscribers, and time in s of its last change
@@ -89,10 +92,12 @@ class HeldOutput(Output):
     def send(self, record: Any, **header: Any) -> None:
         """Send a record now, or as soon as a consumer has been discovered."""
         with LOCK:
-            if self._held is None:
-                super().send(record, **header)
-            else:
+            if self._held is not None:
                 self._held.append(record)
+                return
+            if self._before:
+                self._before(record)
+            super().send(record, **header)
 
     def connected(self) -> None:
         """Send the kept records if this process has a taker, otherwise look for a consumer."""
@@ -104,7 +109,7 @@ class HeldOutput(Output):
     def _release(self) -> None:
         held, self._held = self._held or (), None
         for record in held:
-            super().send(record)
+            self.send(record)
 
     def _look_for_consumer(self) -> None:
         matched = self.publisher.get_subscription_count()

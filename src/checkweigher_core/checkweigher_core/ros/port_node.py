@@ -51,9 +51,11 @@ class PortNode(Node):
         self.outputs.append(Output(self, port))
         return self.outputs[-1]
 
-    def held_output(self, port: Port, answer: Port | None = None) -> Output:
+    def held_output(
+        self, port: Port, answer: Port | None = None, before: Callback | None = None
+    ) -> Output:
         """Return a new output that waits for a consumer; see `HeldOutput`."""
-        self.outputs.append(HeldOutput(self, port, answer))
+        self.outputs.append(HeldOutput(self, port, answer, before))
         return self.outputs[-1]
 
     def subscribe(
@@ -106,10 +108,7 @@ class PortNode(Node):
         return super().create_subscription(msg_type, topic, guarded, *args, raw=True, **options)
 
     def _guarded(
-        self,
-        callback: Callable[..., Any],
-        what: str,
-        otherwise: Callable[[], Any] = lambda: None,
+        self, callback: Callable[..., Any], what: str, otherwise: Callable[[], Any] = lambda: None
     ) -> Callable[..., Any]:
         """Return a callback that handles an exception by `fail`, and then returns `otherwise()`."""
 

@@ -5,6 +5,7 @@
 from collections.abc import Callable, Sequence
 import contextlib
 import ctypes
+import faulthandler
 import inspect
 import signal
 import sys
@@ -27,6 +28,9 @@ from checkweigher_core.ros.stage_node import StageNode
 # the size of freed blocks, so a process would keep the memory of a large message.
 _MMAP_THRESHOLD, _LARGE = -3, 2**17  # number of the option M_MMAP_THRESHOLD, and its value
 _FAREWELL = Duration(seconds=1)  # longest wait for the arrival of the last messages
+# Time in s after which a process ends that hangs while it destroys its nodes. The node `verifier`
+# may need 20 s to complete its report.
+DESTRUCTION = 30.0
 
 
 def run(make_node: Callable[[], Node], arguments: Sequence[str] | None = None) -> None:
@@ -79,6 +83,9 @@ def run_all(
         starting = False
         if spinner is not None:
             _shut_down(nodes, spinner)
+            # Fast DDS can block forever if a node is destroyed while the nodes of another process
+            # end, see https://github.com/eProsima/Fast-DDS/issues/6502.
+            faulthandler.dump_traceback_later(DESTRUCTION, exit=True)
             spinner.stop()
         else:
             for node in reversed(nodes):

@@ -46,7 +46,7 @@ LIFE_CYCLE_SERVICES = (
 
 
 class Service(NamedTuple):
-    """Service of a lane."""
+    """Service or action of a lane."""
 
     name: str  # name relative to the namespace of the lane
     kind: str  # ROS name of the type
@@ -57,27 +57,17 @@ class Service(NamedTuple):
     changes_line: bool = True  # whether the audit log names the calling user
 
 
-class Action(NamedTuple):
-    """Action of a lane."""
-
-    name: str  # name relative to the namespace of the lane
-    kind: str  # ROS name of the type
-    server: str  # node with the server
-    callers: tuple[str, ...]  # nodes with clients
-    text: str  # description of its effect
-
-
 # fmt: off
 ACTIONS = (
-    Action(ports.READ_LOAD, 'checkweigher_msgs/action/ReadLoad', 'driver', (PAGE_WORK,),
-           'reads the empty belt, or a known mass on it, at rest for a '
-           '[calibration](#calibration)'),
-    Action(ports.RECORD_PASSES, 'checkweigher_msgs/action/RecordPasses', SETTING, (PAGE_WORK,),
-           'records passes of a product of known mass, see [Dynamic setting](#dynamic-setting)'),
-    Action(ports.TUNE_PASSES, 'checkweigher_msgs/action/TunePasses', SETTING, (PAGE_WORK,),
-           'trains on all recorded passes'),
-    Action(ports.RUN_VERIFICATION, 'checkweigher_msgs/action/RunVerification', VERIFIER,
-           (PAGE_WORK,), 'makes a [verification](verification.md#on-the-page) by a plan'),
+    Service(ports.READ_LOAD, 'checkweigher_msgs/action/ReadLoad', 'driver', (PAGE_WORK,),
+            'reads the empty belt, or a known mass on it, at rest for a '
+            '[calibration](#calibration)'),
+    Service(ports.RECORD_PASSES, 'checkweigher_msgs/action/RecordPasses', SETTING, (PAGE_WORK,),
+            'records passes of a product of known mass, see [Dynamic setting](#dynamic-setting)'),
+    Service(ports.TUNE_PASSES, 'checkweigher_msgs/action/TunePasses', SETTING, (PAGE_WORK,),
+            'trains on all recorded passes'),
+    Service(ports.RUN_VERIFICATION, 'checkweigher_msgs/action/RunVerification', VERIFIER,
+            (PAGE_WORK,), 'makes a [verification](verification.md#on-the-page) by a plan'),
 )
 SERVICES = (
     Service(ports.ZERO, _TRIGGER, 'segmenter', (PAGE_WORK, VERIFY),

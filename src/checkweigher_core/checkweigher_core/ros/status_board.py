@@ -5,6 +5,7 @@
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
+import math
 import threading
 from typing import Any
 
@@ -16,6 +17,18 @@ from checkweigher_core.ros.ports import NODES, STAGES
 HOST = 'host'  # key of the host name in the first status of a message
 _SILENCE = 3.0  # time in s without diagnostics after which a node counts as silent
 _URGENCY = (Level.OK, Level.WARN, Level.STALE, Level.ERROR)  # levels in increasing order
+
+
+def number_of(value: str) -> float:
+    """Return the number in a value of a DiagnosticStatus, or NaN if the value is other text.
+
+    Any node may publish any text on /diagnostics, so an invalid value must not end its reader.
+    """
+    try:
+        number = float(value)
+    except ValueError:
+        return math.nan
+    return number if math.isfinite(number) else math.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +132,7 @@ class LaneRow:
     @property
     def counts(self) -> tuple[int, int, int]:
         """Numbers of accepted items, of items rejected for their mass, and of faults."""
-        counts = {name: int(float(count)) for name, count in self.verdicts}
+        counts = {name: int(number_of(count)) for name, count in self.verdicts}
         accepted, faults = (counts.pop(each.name, 0) for each in (Decision.ACCEPT, Decision.FAULT))
         return accepted, sum(counts.values()), faults
 
@@ -141,7 +154,7 @@ def _lane_row(lane: str, rows: list[Row]) -> LaneRow:
         for row in rows
         if row.aspect == 'Verdicts'
         for key, value in row.values
-        if key in Decision.__members__
+        if key in Decision.__members__ and math.isfinite(number_of(value))
     )
     return LaneRow(lane, first.level, verdicts, text if first.level > Level.OK else '')
 

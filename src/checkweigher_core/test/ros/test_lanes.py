@@ -17,7 +17,7 @@ def test_each_lane_has_a_row_and_the_worst_is_first():
     for lane in ('lane1/', 'lane2/', ''):
         for node in STAGES:
             board.add(0.0, [status(f'{lane}{node}'), status(f'{lane}{node}: Connections')])
-    counted = status('lane2/reject: Verdicts', ACCEPT='7', FAULT='2', latency_max_ms='3')
+    counted = status('lane2/reject: Verdicts', ACCEPT='7', FAULT='2', UNDER='?', latency_max_ms='3')
     bad = status('lane2/reject: Line', Level.ERROR, 'no masses can come; start it')
     board.add(0.0, [status('lane2/reject'), counted, bad])
     first, *others = by_lane(board.rows(0.0))

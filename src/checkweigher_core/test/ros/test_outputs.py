@@ -238,11 +238,12 @@ def test_a_qos_that_cannot_be_used_is_refused_in_one_line(process, name, value):
 
 
 def test_verdicts_are_held_until_there_is_a_consumer_over_dds(process):
-    maker, taker, taken = process.node(), process.node(), []
-    output = maker.held_output(ports.VERDICT)
+    maker, taker, taken, before = process.node(), process.node(), [], []
+    output = maker.held_output(ports.VERDICT, before=before.append)
     process.spinner.add(maker)
     for number in range(1, 4):
         output.send(verdict(number))
+    assert before == []
 
     taker.subscribe(ports.VERDICT, taken.append)
     process.spinner.add(taker)
@@ -251,6 +252,7 @@ def test_verdicts_are_held_until_there_is_a_consumer_over_dds(process):
     output.send(verdict(4))
     process.wait_for(lambda: len(taken) == 4)
     assert [each.item_id for each in taken] == [1, 2, 3, 4]
+    assert before == taken
 
 
 def test_a_consumer_in_the_process_has_all_from_the_start(process):

@@ -11,7 +11,6 @@ import time
 from checkweigher_core.health.findings import Finding, conclude, error_if
 from checkweigher_core.records import NANOSECONDS, EyeEdge, Item, Permission, StopRequest, Verdict
 from checkweigher_driver.line_io.belt_record import BeltRecord, record_path
-from checkweigher_driver.line_io.rejector.missed_products import Latch, LatchEvent
 from checkweigher_driver.line_io.rejector.switching import Levels, Switches
 from checkweigher_driver.line_io.rejector_control import OutputParameters, RejectorControl
 from checkweigher_driver.sources import RETRY_TIME, shorten_switch_interval
@@ -95,7 +94,7 @@ class MachineOutputs:
         """
         with self._changed:
             missed = self._control.missed
-            if missed.state is not Latch.PENDING and not (source or self._port_trouble):
+            if not missed.pending and not (source or self._port_trouble):
                 return ''
             return '; '.join(filter(None, (source, self._port_trouble, missed.text)))
 
@@ -147,7 +146,7 @@ class MachineOutputs:
         """Release the stop after missed products; return the message on these products."""
         with self._change() as control:
             missed = control.missed.text
-            control.missed.take(LatchEvent.RESET)
+            control.missed.clear()
             return missed
 
     def open(self, held: Callable[[], bool] = lambda: False) -> None:

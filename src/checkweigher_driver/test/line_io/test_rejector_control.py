@@ -11,7 +11,6 @@ from checkweigher_core.records import Decision, Eye, EyeEdge, Item, Permission, 
 from checkweigher_core.records.reasons import Reason, StopReason
 from checkweigher_core.ros.ports import FRESH_TIME
 from checkweigher_driver.line_io.belt_record import OnBelt
-from checkweigher_driver.line_io.rejector.missed_products import LatchEvent
 from checkweigher_driver.line_io.rejector.switching import Levels, Switches
 from checkweigher_driver.line_io.rejector_control import OutputParameters, RejectorControl
 
@@ -73,7 +72,7 @@ def test_a_verdict_that_does_not_come_ejects_and_stops():
     assert outputs.levels(now + 299 * MS) == RUN
     assert outputs.levels(now + 301 * MS) == Levels(True, True)
     assert 'no verdict came within 0.3 s' in outputs.missed.text
-    outputs.missed.take(LatchEvent.RESET)
+    outputs.missed.clear()
     outputs.edge(EyeEdge(time.time_ns(), Eye.OUTFEED, True), now + 400 * MS)
     outputs.verdict(Verdict(1, None, Decision.ACCEPT), now + 500 * MS)
     assert outputs.levels(now + 900 * MS) == RUN
@@ -162,7 +161,7 @@ def test_a_belt_that_is_stopped_leaves_a_rejected_item_in_doubt_and_permits_noth
     assert 'the belt was stopped before all items had passed the rejector' in outputs.missed.text
     assert 'item 8 OVER' in outputs.missed.text
     assert 'item 7' not in outputs.missed.text
-    outputs.missed.take(LatchEvent.RESET)
+    outputs.missed.clear()
     assert permitted(outputs, now + 110 * MS, 700) == []
 
 
@@ -238,7 +237,7 @@ def test_what_a_person_has_cleared_from_the_belt_does_not_stop_it_once_more():
     stamp = time.time_ns() - time.monotonic_ns() + now
     outputs.missed.add('item 6')
     outputs.levels(now)
-    outputs.missed.take(LatchEvent.RESET)
+    outputs.missed.clear()
     outputs.levels(now)
     given_up = Verdict(7, None, Decision.FAULT, t1=stamp - 100 * MS)
     outputs.verdict(given_up, now)
@@ -259,7 +258,7 @@ def test_a_reject_node_that_was_started_again_takes_back_nothing_that_it_has_not
     silence(outputs, now)
     outputs.run_permission.take_request(None)
     assert outputs.levels(now) == STOP
-    outputs.missed.take(LatchEvent.RESET)
+    outputs.missed.clear()
     outputs.run_permission.take_request(
         StopRequest(StopReason.UNCONFIRMED_REJECT, 0, text='check it')
     )

@@ -29,7 +29,7 @@ from checkweigher_dsp.estimation.learning.learner import (
 )
 from checkweigher_dsp.estimation.plausibility import is_plausible
 from checkweigher_dsp.items.failures import PRINTED, Failures
-from checkweigher_dsp.signal.platform_poles import is_stable, platform_poles
+from checkweigher_dsp.signal.extended_kalman import is_stable, platform_poles
 
 
 @dataclass(frozen=True)
@@ -115,11 +115,6 @@ class Identifier:
     windows by the result if it is better. `known` is the learned state of an earlier process. It is
     ignored if it belongs to another estimator or to other parameters.
 
-    Attributes
-    ----------
-    learned : LearnedKinds
-        Learned state. Apart from `known`, it depends only on the windows and their order.
-
     Examples
     --------
     >>> identifier = Identifier(IdentifierParameters(estimator='mean'))
@@ -138,6 +133,7 @@ class Identifier:
         self._known = parameters.chosen
         self._estimator = METHODS[parameters.estimator](self._known)
         basis = parameters.basis
+        # Apart from `known`, the learned state depends only on the windows and their order.
         self.learned = known if known is not None and known.basis == basis else LearnedKinds(basis)
         self._lesson: tuple[WeighWindow, LoadEstimate] | None = None
 

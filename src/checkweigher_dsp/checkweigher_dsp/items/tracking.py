@@ -25,18 +25,10 @@ class ItemTracker:
     edge affects only one item. An item that is given up is reported as a fault without t3. The
     rules are a table in `checkweigher_dsp.items.transitions`.
 
-    Parameters
-    ----------
-    debounce : int
-        Shortest time in ns for which an eye clears between two items. A shorter time is chatter.
-    max_transit : int
-        Time in ns after which an item that has not reached the outfeed eye is given up.
-    count : int
-        Number of the last item before this tracker, or 0.
-    belt_lengths : float
-        Length of the belt divided by the length of a product, or 0 if the length is unknown.
-    unloaded : callable
-        Function that returns whether the scale shows an empty belt; see `Belt`.
+    An eye that clears for less than `debounce`, in ns, chatters. An item that has not reached the
+    outfeed eye after `max_transit`, in ns, is given up. `count` is the number of the last item
+    before this tracker. `belt_lengths` is the length of the belt divided by that of a product, or
+    0 if it is unknown. See `Belt` for `unloaded`.
     """
 
     def __init__(

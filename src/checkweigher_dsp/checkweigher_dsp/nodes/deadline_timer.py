@@ -10,16 +10,10 @@ from checkweigher_dsp.rejection.timing import StreamClock
 
 
 class DeadlineTimer:
-    """Timer for the next deadline, with a clock of arrivals and a clock of stamps, both in ns.
-
-    Attributes
-    ----------
-    clock : StreamClock
-        Clock of the stamps. If it is not running, no verdict becomes overdue.
-    """
+    """Timer for the next deadline, with a clock of arrivals and a clock of stamps, both in ns."""
 
     def __init__(self, node: PortNode, callback: Callable[[], None], *, running: bool) -> None:
-        self.clock = StreamClock(running=running)
+        self.clock = StreamClock(running=running)  # if it stands, no verdict becomes overdue
         self._timer = node.create_one_shot_timer(callback)
 
     @property

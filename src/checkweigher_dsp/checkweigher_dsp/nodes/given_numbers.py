@@ -24,30 +24,14 @@ class GivenNumbers:
     path, an empty file with the suffix `.begun` shows that numbers were used. If they are lost, the
     milliseconds since 1970 are used as the last number, because no line can have used more.
 
-    Parameters
-    ----------
-    node : str
-        Full name of the node, or empty if no numbers are stored.
-    domain : int
-        ROS domain.
-    path : str
-        Path of the file, or empty for a file of this run, named after node and domain.
-    most : int
-        Number of latest numbers to store.
-
-    Attributes
-    ----------
-    numbers : frozenset of int
-        Latest numbers before the start of this process.
-    last : int
-        Largest number that an earlier process may have used, or 0 if no number was used.
-    trouble : str
-        Reason why numbers are unknown or cannot be stored, or empty.
+    `node` is the full name of the node, or empty if no numbers are stored. Without a `path`, the
+    file is named after the node and its ROS `domain`. The file contains the `most` latest numbers.
     """
 
     def __init__(self, node: str = '', domain: int = 0, path: str = '', most: int = 1) -> None:
-        self.numbers: frozenset[int] = frozenset()
-        self.last, self.trouble = 0, ''
+        self.numbers: frozenset[int] = frozenset()  # latest numbers of earlier processes
+        self.last = 0  # largest number that an earlier process may have used, or 0
+        self.trouble = ''  # reason why numbers are unknown or cannot be stored, or empty
         self._most = most
         self._file: int | None = None
         if not node:

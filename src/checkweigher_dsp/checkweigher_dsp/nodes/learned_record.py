@@ -17,23 +17,12 @@ class LearnedRecord:
     """File with the learned state of a node.
 
     A file that cannot be read is ignored, because the estimator can weigh without the learned
-    state.
-
-    Parameters
-    ----------
-    wanted : str
-        Path of the file, empty for a file that is named after the node, or ``-`` for no file.
-    node : str
-        Full name of the node.
-
-    Attributes
-    ----------
-    trouble : str
-        Reason why the file cannot be used, or empty.
+    state. `wanted` is the path of the file, empty for a file that is named after the `node`, or
+    ``-`` for no file.
     """
 
     def __init__(self, wanted: str, node: str = '') -> None:
-        self.trouble = ''
+        self.trouble = ''  # reason why the file cannot be used, or empty
         self._path: Path | None = None
         # Write the file in a thread, so that no item waits for the disk.
         self._writer = ThreadPoolExecutor(1, 'learned record')

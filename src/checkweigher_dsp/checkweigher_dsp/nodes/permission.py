@@ -22,23 +22,9 @@ class PermissionGiver:
     """Output of the permission to run the line.
 
     No message is sent while a callback of the process runs, so that a node that hangs does not give
-    permission.
-
-    Parameters
-    ----------
-    node : PortNode
-        Node that publishes the permission.
-    publishers : mapping of str to Input
-        Inputs that need a publisher. The names are ``eyes`` and ``load cell``.
-    is_stopped : callable
-        Function that returns whether a stop is requested.
-    deadlines : bool
-        Whether the permission expires.
-
-    Attributes
-    ----------
-    rule : PermissionRule
-        Rule for the permission.
+    permission. `publishers` are the inputs that need a publisher, by the names ``eyes`` and ``load
+    cell``. `is_stopped` returns whether a stop is requested, and `deadlines` is whether the
+    permission expires.
     """
 
     def __init__(

@@ -26,13 +26,7 @@ def strangers(publishers: Iterable[str], maker: str) -> list[str]:
 
 
 class StrangerWatch:
-    """Watch of the publishers of the topics of a line.
-
-    Attributes
-    ----------
-    found : str
-        Strangers of the last check with their topics, or empty.
-    """
+    """Watch of the publishers of the topics of a line."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
@@ -40,7 +34,7 @@ class StrangerWatch:
         self._makers = {
             node.resolve_topic_name(port.name): f'{space}/{port.maker}' for port in _WATCHED
         }
-        self.found = ''
+        self.found = ''  # strangers of the last check with their topics, or empty
 
     def look(self) -> str:
         """Return the strangers, from the publishers of all watched topics in the ROS graph."""

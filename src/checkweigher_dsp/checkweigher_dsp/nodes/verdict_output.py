@@ -31,7 +31,7 @@ class VerdictOutput:
         sent: Callable[[Verdict], None],
     ) -> None:
         self._node, self._numbers, self._items, self._sent = node, numbers, items, sent
-        self.output = node.held_output(ports.VERDICT)
+        self.output = node.held_output(ports.VERDICT, before=self._store_number)
         self._watch = VerdictTiming()
 
     def add_edge(self, stamp: int) -> None:
@@ -48,9 +48,7 @@ class VerdictOutput:
 
     def _send(self, verdict: Verdict) -> None:
         node, item = self._node, f'item {verdict.item_id}'
-        # Store the number before the publication, so that no number is used twice. Do other work
-        # after the publication, because the rejector waits for the verdict.
-        self._numbers.give(verdict.item_id)
+        # Do other work after the publication, because the rejector waits for the verdict.
         self.output.send(verdict)
         self._watch.add(time.monotonic(), verdict)
         node.count(verdict.decision.name)
@@ -61,6 +59,12 @@ class VerdictOutput:
             node.count('late verdicts')
             node.warn(f'{item}: its verdict came after its reject time')
         self._sent(verdict)
+
+    def _store_number(self, verdict: Verdict) -> None:
+        # A number that is stored after the publication could be used twice. A number that is stored
+        # while the output still holds the verdict would leave the item without a verdict if the
+        # process were killed.
+        self._numbers.give(verdict.item_id)
 
     def findings(self, now: float) -> list[Finding]:
         """Return the aspects Verdicts and Line."""

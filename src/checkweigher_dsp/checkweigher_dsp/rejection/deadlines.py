@@ -24,24 +24,17 @@ class Deadlines:
 
     The deadline of an item is computed from the arrival of its outfeed edge, without the delay of
     the transmission.
-
-    Attributes
-    ----------
-    parameters : RejectParameters
-        Parameters of the stage, which may be replaced at any time.
-    newest : int
-        Stamp of the newest block of samples that the segmenter has processed.
     """
 
     def __init__(self, parameters: RejectParameters) -> None:
-        self.parameters = parameters
+        self.parameters = parameters  # may be replaced at any time
         self._line_speed = math.nan  # belt speed of the last item in m/s
         self._heard: int | None = None  # arrival of the first announcement
         self.restart()
 
     def restart(self) -> None:
         """Begin a new stream, in which stamps may be repeated."""
-        self.newest = 0
+        self.newest = 0  # stamp of the newest samples that the segmenter has processed
         self._arrivals = ArrivalClock()
         self._came: dict[int, int] = {}  # arrivals of the latest outfeed edges, by stamp
 

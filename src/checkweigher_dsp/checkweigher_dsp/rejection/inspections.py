@@ -73,25 +73,14 @@ class _Signal:
 
 
 class Inspections:
-    """Assignment of the rejects of inspection devices to items.
-
-    Stamps and times are in ns.
-
-    Attributes
-    ----------
-    parameters : RejectParameters
-        Parameters of the stage, with the places and times of the devices.
-    judged : deque of (Verdict, Passage or None)
-        Latest verdicts of this stream, which are final, with the passages of the items.
-    missed : StopRequest or None
-        Stop request for the first reject that was not applied to its item. The caller removes the
-        request.
-    """
+    """Assignment of the rejects of inspection devices to items. Stamps and times are in ns."""
 
     def __init__(self, parameters: RejectParameters) -> None:
-        self.parameters = parameters
+        self.parameters = parameters  # may be replaced at any time
+        # Stop request for the first reject that was not applied. The caller removes the request.
         self.missed: StopRequest | None = None
         self._signals: deque[_Signal] = deque(maxlen=_MAX_SIGNALS)
+        # Latest verdicts of this stream, which are final, with the passages of the items.
         self.judged: deque[tuple[Verdict, Passage | None]] = deque(maxlen=_MAX_JUDGED)
         # Periods in which not all devices ran, which begin before the first report. The last one
         # may not have ended.

@@ -27,30 +27,20 @@ class PendingItem:
 class PendingItems:
     """Announced items without a verdict, and the latest numbers of items with a verdict.
 
-    Parameters
-    ----------
-    judged : iterable of int
-        Numbers of items with a verdict by an earlier process.
-
-    Attributes
-    ----------
-    pending : dict of int to PendingItem
-        Items without a verdict by number, in the order of their announcement.
-    largest : int
-        Largest number so far, or 0 without items.
-    passed_over : list of int
-        Numbers of items whose verdict has another number. The caller empties the list.
+    `judged` are the numbers of items with a verdict by an earlier process.
     """
 
     def __init__(self, judged: Iterable[int] = ()) -> None:
+        # Items without a verdict by number, in the order of their announcement.
         self.pending: dict[int, PendingItem] = {}
         # Whether a verdict is by this process, by item number in the order of the verdicts.
         self._judged = dict.fromkeys(sorted(judged)[-MAX_JUDGED:], False)
+        # Numbers of items whose verdict has another number. The caller empties the list.
         self.passed_over: list[int] = []
         self._forgotten = 0  # largest number with a verdict that is no longer stored
         # Numbers of items that no segmenter announced.
         self._own: deque[int] = deque(maxlen=_MAX_OWN)
-        self.largest = max(self._judged, default=0)
+        self.largest = max(self._judged, default=0)  # largest number so far
 
     def announce(self, item: Item) -> PendingItem | None:
         """Add an announcement and return its item, or None if the item has a verdict."""
@@ -120,16 +110,10 @@ class PendingItems:
 
 
 class EarlyEstimates:
-    """Estimates that wait until their items are complete. Times are in ns.
-
-    Attributes
-    ----------
-    unknown : int
-        Number of estimates that have expired, because their items did not become complete.
-    """
+    """Estimates that wait until their items are complete. Times are in ns."""
 
     def __init__(self) -> None:
-        self.unknown = 0
+        self.unknown = 0  # number of estimates whose items did not become complete in time
         self._waiting: dict[int, tuple[MassEstimate, int | None]] = {}
 
     def add(self, estimate: MassEstimate, until: int | None) -> None:

@@ -68,8 +68,10 @@ def refused(verdict: Verdict) -> Verdict:
 
 def objections(estimate: MassEstimate, limits: ProductOnLine) -> list[Reason]:
     """Return the reasons to reject a weighed item, apart from the limits of its mass."""
-    length = estimate.product_length
-    found = [] if _is_certain(estimate) else [Reason.NO_CONVERGENCE]
+    length, largest = estimate.product_length, max(abs(estimate.mass), _NOISE)
+    # The comparison is False if the mass or its standard deviation is NaN.
+    certain = math.isfinite(estimate.mass) and 0 <= estimate.std_dev <= largest
+    found = [] if certain else [Reason.NO_CONVERGENCE]
     if limits.needed and not limits.product:
         found.append(Reason.NO_PRODUCT)
     if _outside(length, limits.min_length, limits.max_length):
@@ -82,12 +84,6 @@ def objections(estimate: MassEstimate, limits: ProductOnLine) -> list[Reason]:
     if _outside(estimate.belt_speed, limits.min_speed, limits.max_speed):
         found.append(Reason.BELT_SPEED)
     return found
-
-
-def _is_certain(estimate: MassEstimate) -> bool:
-    """Return whether an estimate has a mass and a plausible standard deviation."""
-    largest = max(abs(estimate.mass), _NOISE)
-    return math.isfinite(estimate.mass) and 0 <= estimate.std_dev <= largest  # False for NaN
 
 
 def tolerance(product: ProductOnLine) -> float:

@@ -43,33 +43,16 @@ class RejectMonitor:
 
     An edge of this eye belongs to the item with the nearest reject time, within
     ``confirmation_time``. The edge is evaluated as soon as no nearer item can follow.
-
-    Attributes
-    ----------
-    parameters : RejectParameters
-        Parameters of the stage, which may be replaced at any time.
-    request : StopRequest or None
-        First stop request since the last reset.
-    trouble : str
-        Problem of the driver, or empty.
-    conditions : MachineConditions
-        Conditions at the inputs of the machine.
-    test : PerformanceTest or None
-        Latest state of the performance test.
-    strangers : str
-        Other nodes that publish topics of the line, or empty.
-    zero_step : str
-        Excessive step of the zero since the zero was last set, or empty.
     """
 
     def __init__(self, parameters: RejectParameters) -> None:
-        self.parameters = parameters
-        self.request: StopRequest | None = None
-        self.trouble = ''
+        self.parameters = parameters  # may be replaced at any time
+        self.request: StopRequest | None = None  # first stop request since the last reset
+        self.trouble = ''  # problem of the driver, or empty
         self.conditions = MachineConditions(0, True)
-        self.test: PerformanceTest | None = None
-        self.strangers = ''
-        self.zero_step = ''
+        self.test: PerformanceTest | None = None  # latest state of the performance test
+        self.strangers = ''  # other nodes that publish topics of the line, or empty
+        self.zero_step = ''  # excessive step of the zero since it was last set, or empty
         self._zero: tuple[float, int] | None = None  # last zero in kg and its time in ns
         self._in_a_row = self._failed_in_a_row = 0
         self.restart()

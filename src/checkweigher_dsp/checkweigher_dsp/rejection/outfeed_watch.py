@@ -23,17 +23,10 @@ class OutfeedEdge:
 
 
 class OutfeedWatch:
-    """Watch of the outfeed edges for items that leave without an announcement.
-
-    Stamps are in ns.
-
-    Attributes
-    ----------
-    open : list of OutfeedEdge
-        Outfeed edges that the segmenter has not processed and that belong to no announced item.
-    """
+    """Watch of the outfeed edges for items that leave without an announcement. Stamps are in ns."""
 
     def __init__(self) -> None:
+        # Outfeed edges that the segmenter has not processed and that belong to no announced item.
         self.open: list[OutfeedEdge] = []
         self._explained: deque[int] = deque(maxlen=_MOST)
         self.restart()

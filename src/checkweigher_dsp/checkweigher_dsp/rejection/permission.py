@@ -19,18 +19,10 @@ _SAMPLES = 'samples'
 class PermissionRule:
     """Rule for the permission to run the line.
 
-    The line may run if all stages have recently sent a sign of life, all inputs have a publisher,
-    and no stop is requested. Times are in ns of a monotonic clock.
-
-    Parameters
-    ----------
-    fresh_time : float
-        Longest time in s for which a sign of life is valid.
-    stages : iterable of str
-        Names of the stages that send signs of life. The segmenter is monitored by its number of
-        processed samples.
-    deadlines : bool
-        Whether the permission expires. Otherwise only a stop request withdraws it.
+    The line may run if all `stages` have sent a sign of life in the last `fresh_time` s, all inputs
+    have a publisher, and no stop is requested. Without `deadlines`, only a stop request withdraws
+    the permission. The segmenter is monitored by its number of processed samples. Times are in ns
+    of a monotonic clock.
     """
 
     def __init__(self, fresh_time: float, stages: Iterable[str] = (), *, deadlines: bool) -> None:

@@ -33,36 +33,7 @@ class RejectStage:
     An item that leaves while the segmenter is delayed or has ended becomes a FAULT at its deadline.
     It is the oldest announced item on the belt, or an item with the next free number.
 
-    Parameters
-    ----------
-    parameters : RejectParameters
-        Parameters of the stage.
-    weigh_length : float, optional
-        Distance between the eyes in m.
-    judged : iterable of int
-        Numbers of items with a verdict by an earlier process.
-
-    Attributes
-    ----------
-    weigh_length : float or None
-        Distance between the eyes in m.
-    product : ProductOnLine
-        Limits and batch of the items, which may be replaced between two items.
-    inspections : Inspections
-        Rejects by inspection devices.
-    items : PendingItems
-        Items that wait for their verdict.
-    early : EarlyEstimates
-        Estimates that wait for their items.
-    late_estimates : int
-        Number of estimates that were repeated or arrived after the verdict.
-    late_items : int
-        Number of announcements that arrived after the verdict.
-    foreign : bool
-        Whether other nodes may have sent edges and estimates. Each verdict is then a FAULT.
-    out_of_numbers : bool
-        Whether an item has left for which no number is free, or whose number was used before. The
-        caller must stop the line and clear the flag.
+    `judged` are the numbers of items with a verdict by an earlier process.
     """
 
     def __init__(
@@ -71,13 +42,18 @@ class RejectStage:
         weigh_length: float | None = None,
         judged: Iterable[int] = (),
     ) -> None:
-        self.weigh_length = weigh_length
-        self.product = parameters.limits
+        self.weigh_length = weigh_length  # distance between the eyes in m
+        self.product = parameters.limits  # limits and batch, which may be replaced between items
         self.inspections = Inspections(parameters)
         self.items = PendingItems(judged)
         self.early = EarlyEstimates()
+        # Numbers of estimates and announcements that were repeated or arrived after the verdict.
         self.late_estimates = self.late_items = 0
-        self.foreign = self.out_of_numbers = False
+        # Whether other nodes may have sent edges and estimates. Each verdict is then a FAULT.
+        self.foreign = False
+        # Whether an item has left for which no number is free, or whose number was used before.
+        # The caller must stop the line and clear the flag.
+        self.out_of_numbers = False
         self._batches = BatchRules()
         self._deadlines = Deadlines(parameters)
         self._watch = OutfeedWatch()

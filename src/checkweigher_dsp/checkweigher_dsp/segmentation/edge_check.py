@@ -40,27 +40,19 @@ class EdgeCheck:
     lags here are in s relative to the stated lag. If the stated lag was not measured, the lag is
     learned as the median over the first items of a belt speed and length. It is learned again if
     the speed or the length changes.
-
-    Attributes
-    ----------
-    learned : float
-        Learned lag, or NaN until a lag is learned.
-    checked, unchecked : int
-        Numbers of items with and without a visible rise of the load.
-    shift_std_dev : float
-        Standard deviation of the last shift in s. An uneven rise of the load (a bend) explains a
-        part of a lag. All shifts from that with this part to that without it are equally likely.
     """
 
     def __init__(self, parameters: SegmenterParameters) -> None:
         self._parameters = parameters
-        self.checked = self.unchecked = 0
+        self.checked = self.unchecked = 0  # numbers of items with and without a visible rise
+        # Standard deviation of the last shift in s. An uneven rise of the load (a bend) explains a
+        # part of a lag. All shifts from that with this part to that without it are equally likely.
         self.shift_std_dev = 0.0
         self.forget()
 
     def forget(self) -> None:
         """Discard the learned lag, and the speed and length that it belongs to."""
-        self.learned = math.nan
+        self.learned = math.nan  # learned lag, or NaN until a lag is learned
         self._kind: tuple[float, float] | None = None  # belt speed in m/s and length in m
         self._first: list[RiseLag] = []
         self._recent: deque[float] = deque(maxlen=_RECENT)

@@ -76,8 +76,7 @@ class Segmenter:
         inputs = load_cell, parameters, self._buffer, self.zero_keeper
         self._source = ItemSource(*inputs, item_count)
         self.cutter = WindowCutter(*inputs, failures)
-        self.samples = 0
-        self.edges = 0
+        self.samples = self.edges = 0  # numbers of processed records, including repeated ones
 
     @property
     def item_count(self) -> int:
@@ -110,8 +109,11 @@ class Segmenter:
             return self._add_samples(record)
         self.edges += 1
         self.cutter.take(self._source.add(record))
+        # Items that entered before the limit are faults, because their samples are too late.
         limit = record.stamp - round(NANOSECONDS * self._parameters.sample_lateness)
-        return self._give_up_without_samples(limit) + self.cutter.cut()
+        self.cutter.take(self._source.track_before(limit))
+        late = self.cutter.fault_waiting(Reason.SAMPLES_LOST, limit)
+        return (self.cutter.cut(wait=False) if late else []) + self.cutter.cut()
 
     def go_by_edges(self) -> list[WeighWindow]:
         """Process edges without waiting for samples, and return the completed windows."""
@@ -179,12 +181,6 @@ class Segmenter:
         for begin in range(0, len(counts), size):
             stamp = block.stamp + round(begin * NANOSECONDS / rate)
             yield SampleBlock(stamp, block.first_index + begin, counts[begin : begin + size])
-
-    def _give_up_without_samples(self, limit: int) -> list[WeighWindow]:
-        """Return faults for the waiting items that entered before `limit`, in ns."""
-        self.cutter.take(self._source.track_before(limit))
-        late = self.cutter.fault_waiting(Reason.SAMPLES_LOST, limit)
-        return self.cutter.cut(wait=False) if late else []
 
     def _empty_span(self) -> Span | None:
         """Return the span of an empty belt that no ring-down or edge can affect, or None."""

@@ -139,23 +139,22 @@ class WindowCutter:
         """Return the reason why the samples cannot be weighed, or None if they can."""
         if place.end - place.begin < self._parameters.min_window:
             return Reason.WINDOW_TOO_SHORT
-        return self._check_samples(place.entry, place.end) or self._check_load(place)
-
-    def _zero_before(self, item: TrackedItem, place: _Place) -> Zero:
-        """Update the zero by the empty belt before an item, and return the zero."""
-        empty, settled = self._empty_belt(item, place.entry)
-        if settled:
-            span = place.entry - len(empty), place.entry
-            self._zero.try_to_set(span, self._parameters.zero_moment)
-        return self._zero.update(seconds(place.t1), empty, settled)
+        if reason := self._check_samples(place.entry, place.end):
+            return reason
+        cell, counts = self._load_cell, self._buffer.look_at(place.begin, place.end)
+        load = float(np.add.reduce(counts, dtype=np.int64) / len(counts)) - cell.zero_counts
+        return Reason.OVERLOAD if abs(load / cell.counts_per_kg) > cell.capacity else None
 
     def _make_window(self, item: TrackedItem, place: _Place) -> WeighWindow:
         """Return the window of an item, as a fault if the zero or the load is not valid."""
-        zero = self._zero_before(item, place)
-        if not zero.trusted:
-            return self._fault(item, Reason.ZERO_OUT_OF_RANGE)
         buffer, cell = self._buffer, self._load_cell
         entry, begin, end = place.entry, place.begin, place.end
+        empty, settled = self._empty_belt(item, entry)
+        if settled:
+            self._zero.try_to_set((entry - len(empty), entry), self._parameters.zero_moment)
+        zero = self._zero.update(seconds(place.t1), empty, settled)
+        if not zero.trusted:
+            return self._fault(item, Reason.ZERO_OUT_OF_RANGE)
         first = buffer.whole_from(entry - self._samples(self._parameters.lead_time), entry)
         alone_from = min(max(self._alone_from(item, first, begin, place.shift), first), begin)
         before, window = buffer.look_at(min(alone_from, entry), entry), buffer.look_at(begin, end)
@@ -264,12 +263,6 @@ class WindowCutter:
         ):
             return Reason.SATURATION
         return None
-
-    def _check_load(self, place: _Place) -> Reason | None:
-        """Return OVERLOAD if the mean load exceeds the capacity of the load cell, or None."""
-        cell, counts = self._load_cell, self._buffer.look_at(place.begin, place.end)
-        load = float(np.add.reduce(counts, dtype=np.int64) / len(counts)) - cell.zero_counts
-        return Reason.OVERLOAD if abs(load / cell.counts_per_kg) > cell.capacity else None
 
     def _empty_belt(self, item: TrackedItem, entry: int) -> tuple[NDArray[np.int32], bool]:
         """Return the samples of the empty belt before an item, and whether they are settled."""

@@ -219,7 +219,10 @@ class ZeroTracker:
             # Reset the variances to follow a jump, because dirt has come or was removed.
             for each in self._motions:
                 each.begin()
-        self._correct(reading, noise, allowed)
+        left = [each.correct(reading, noise, allowed) for each in self._motions]
+        held_back = any(each.value in allowed for each in self._motions)
+        rest = reading - self._mean()[0]
+        self._behind = held_back and rest**2 > _JUMP**2 * (max(left) + noise)
 
     def _is_doubtful(self, reading: float, change: float, noise: float) -> bool:
         """Return whether a reading, with a large change from the zero, needs confirmation."""
@@ -227,12 +230,6 @@ class ZeroTracker:
         if not self._has_read or change**2 <= _JUMP**2 * (drift + noise):
             return False
         return self._doubted is None or (reading - self._doubted) ** 2 > drift + 2 * noise
-
-    def _correct(self, reading: float, noise: float, allowed: tuple[float, float]) -> None:
-        left = [each.correct(reading, noise, allowed) for each in self._motions]
-        held_back = any(each.value in allowed for each in self._motions)
-        rest = reading - self._mean()[0]
-        self._behind = held_back and rest**2 > _JUMP**2 * (max(left) + noise)
 
     def _is_at_rest(self, counts: Array) -> bool:
         """Return whether a segment is stable and has no outliers."""

@@ -64,3 +64,30 @@ def _hann_weights(count: int) -> tuple[Array, float]:
     weights: Array = np.hanning(count + 2)[1:-1].astype(np.float64)
     weights.flags.writeable = False
     return weights, float(np.add.reduce(weights))
+
+
+class RunningMoments:
+    """Running moments of a stream of values (Welford, Technometrics 4 (1962) 419)."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.largest = 0.0  # value with the largest magnitude
+        self._mean = self._squares = 0.0  # sum of squared deviations from the mean
+
+    def add(self, value: float) -> None:
+        """Add a value."""
+        self.count += 1
+        self.largest = max(self.largest, value, key=abs)
+        before = value - self._mean
+        self._mean += before / self.count
+        self._squares += before * (value - self._mean)
+
+    @property
+    def mean(self) -> float:
+        """Mean, or NaN without values."""
+        return self._mean if self.count else math.nan
+
+    @property
+    def std_dev(self) -> float:
+        """Standard deviation, or NaN for fewer than two values."""
+        return math.sqrt(self._squares / (self.count - 1)) if self.count > 1 else math.nan

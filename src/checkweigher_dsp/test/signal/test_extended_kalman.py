@@ -12,8 +12,7 @@ import numpy as np
 from plain_path import MatrixFilter
 import pytest
 
-from checkweigher_dsp.signal.extended_kalman import Identification, Noise, identify
-from checkweigher_dsp.signal.platform_poles import platform_poles
+from checkweigher_dsp.signal.extended_kalman import Identification, Noise, identify, platform_poles
 
 ROUNDING = 1e-10
 PLATFORMS = [(20.0, 0.03), (38.0, 0.06), (60.0, 0.2)]  # Hz, damping ratio

@@ -10,7 +10,7 @@ from known_models import RATE, coefficients
 import numpy as np
 import pytest
 
-from checkweigher_dsp.signal.platform_poles import is_stable, platform_poles
+from checkweigher_dsp.signal.extended_kalman import is_stable, platform_poles
 
 
 @given(st.floats(1.0, 400.0), st.floats(0.01, 0.9))

@@ -240,11 +240,7 @@ class LineSelection:
                 'no product is selected, so nothing is accepted',
                 'select one on the page, or by the service select_product',
             ),
-            warn_if(
-                bool(other),
-                other,
-                'select the product again, or change its recipe',
-            ),
+            warn_if(bool(other), other, 'select the product again, or change its recipe'),
             warn_if(
                 bool(unresolved), unresolved, 'train this product, or run the belt at a lower speed'
             ),

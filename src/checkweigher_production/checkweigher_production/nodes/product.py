@@ -17,14 +17,7 @@ from checkweigher_core.health.disk import DiskWatch, free_bytes
 from checkweigher_core.health.findings import Finding
 from checkweigher_core.health.host_clock import HostClock
 from checkweigher_core.parameters import ParameterError, Parameters, SettingsError, parameter
-from checkweigher_core.records import (
-    LoadCell,
-    MassEstimate,
-    Statistics,
-    StopRequest,
-    Verdict,
-    utc,
-)
+from checkweigher_core.records import LoadCell, MassEstimate, Statistics, StopRequest, Verdict, utc
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.conversion import to_message
 from checkweigher_core.ros.line_parameters import LineNodes, LineParametersClient, RefusedError
@@ -80,16 +73,11 @@ class ProductNode(StageNode[ProductParameters]):
         try:
             if known.product:
                 find(known.recipes, known.product)
-            log = self._files.enter_context(AuditLog(Path(known.audit_log))) if known.audit_log \
-                else None  # fmt: skip
-            if log is not None:
-                name_predecessor(log, self._time(), name)
+            log = self._opened_log()
             self._batches = LineBatches(known.batch, known.batch_folder, self._time, log)
         except (AuditError, SettingsError, RecordError) as error:
             self.destroy_node()
             raise ParameterError(str(error)) from None
-        if known.recipes and log is None:
-            self.get_logger().warning('product.audit_log is empty: no change is written down')
         self._started_nodes = LineNodes(self)
         line = LineParametersClient(self, _PATIENCE)
         self._audit = LineAudit(log, name, self._time, line, self._batches.has_record, self.warn)
@@ -103,10 +91,8 @@ class ProductNode(StageNode[ProductParameters]):
         self._recipe = LineRecipe(line, publish, self._stamp, tally)
         tests = self.output(ports.PERFORMANCE_TEST)
         self._test = LineTest(self._recipe, self._trail, tests.send, self._stamp)
-        self._selection = LineSelection(
-            known.recipes, known.product, self._recipe, self._batches, self._audit, self._test,
-            self.warn,
-        )  # fmt: skip
+        parts = self._recipe, self._batches, self._audit, self._test
+        self._selection = LineSelection(known.recipes, known.product, *parts, self.warn)
         self._statistics = self.output(ports.STATISTICS)
         self._feedback = self.output(ports.FILLER_FEEDBACK)
         self._results = self.output(ports.BATCH_RESULT)
@@ -122,6 +108,16 @@ class ProductNode(StageNode[ProductParameters]):
             self.create_timer(_NOTE_PERIOD, self._batches.note)
         if known.audit_log:
             self._audit_others()
+
+    def _opened_log(self) -> AuditLog | None:
+        """Return the audit log, which the node closes, or None without one."""
+        if not self.parameters.audit_log:
+            if self.parameters.recipes:
+                self.get_logger().warning('product.audit_log is empty: no change is written down')
+            return None
+        log = self._files.enter_context(AuditLog(Path(self.parameters.audit_log)))
+        name_predecessor(log, self._time(), self.get_fully_qualified_name())
+        return log
 
     def _serve(self) -> None:
         """Create the services, and the timer of the recipes."""

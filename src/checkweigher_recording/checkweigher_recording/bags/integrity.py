@@ -33,11 +33,15 @@ def check_file(path: Path, name: Path | None = None) -> None:
     """
     name = name or path
     with bag_errors(name):
-        if path.suffix == '.db3':
-            _check_sqlite(path, name)
+        if path.suffix != '.db3':
+            with path.open('rb') as file:
+                _check_mcap(file, name)
             return
-        with path.open('rb') as file:
-            _check_mcap(file, name)
+        address = f'file:{quote(str(path.absolute()))}?mode=ro&immutable=1'
+        with closing(sqlite3.connect(address, uri=True)) as connection:
+            (problem,) = connection.execute('PRAGMA integrity_check(1)').fetchone()
+        if problem != 'ok':
+            raise BagError(f'{name}: damaged: {" ".join(problem.split())}; restore the file')
 
 
 def _check_mcap(file: BinaryIO, name: Path) -> None:
@@ -79,11 +83,3 @@ def _check_sum(file: BinaryIO, begin: int, end: int) -> int:
     for position in range(file.seek(begin), end, _PIECE):
         check_sum = zlib.crc32(file.read(min(_PIECE, end - position)), check_sum)
     return check_sum
-
-
-def _check_sqlite(path: Path, name: Path) -> None:
-    address = f'file:{quote(str(path.absolute()))}?mode=ro&immutable=1'
-    with closing(sqlite3.connect(address, uri=True)) as connection:
-        (problem,) = connection.execute('PRAGMA integrity_check(1)').fetchone()
-    if problem != 'ok':
-        raise BagError(f'{name}: damaged: {" ".join(problem.split())}; restore the file')

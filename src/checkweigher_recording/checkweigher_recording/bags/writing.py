@@ -12,14 +12,7 @@ import shutil
 from typing import Any
 
 from mcap.writer import CompressionType, Writer
-from rosbags.interfaces import (
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
-)
+from rosbags import interfaces
 from rosbags.rosbag2.metadata import dump_qos_v9
 import yaml
 
@@ -33,7 +26,7 @@ from checkweigher_recording.bags.lanes import lane_prefix
 # The name does not depend on the folder, because equal recordings must have equal bytes.
 _FILE = 'line_0.mcap'
 _VERSION = 9  # version of the bag format
-_FOREVER = QosTime(9223372036, 854775807)
+_FOREVER = interfaces.QosTime(9223372036, 854775807)
 _PORTS = {port.record: port for port in PLAYED}
 
 
@@ -245,16 +238,16 @@ def _remove_partial(path: Path) -> None:
             shutil.rmtree(folder, ignore_errors=True)
 
 
-def _qos(port: Port) -> Qos:
-    durability = QosDurability.TRANSIENT_LOCAL if port.history.latched else QosDurability.VOLATILE
-    return Qos(
-        history=QosHistory.KEEP_LAST,
+def _qos(port: Port) -> interfaces.Qos:
+    durability = interfaces.QosDurability
+    return interfaces.Qos(
+        history=interfaces.QosHistory.KEEP_LAST,
         depth=port.history.depth,
-        reliability=QosReliability.RELIABLE,
-        durability=durability,
+        reliability=interfaces.QosReliability.RELIABLE,
+        durability=durability.TRANSIENT_LOCAL if port.history.latched else durability.VOLATILE,
         deadline=_FOREVER,
         lifespan=_FOREVER,
-        liveliness=QosLiveliness.AUTOMATIC,
+        liveliness=interfaces.QosLiveliness.AUTOMATIC,
         liveliness_lease_duration=_FOREVER,
         avoid_ros_namespace_conventions=False,
     )

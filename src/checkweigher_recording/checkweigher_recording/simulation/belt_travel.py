@@ -45,27 +45,6 @@ class BeltTravel:
 
     `plan` must be called with increasing times. Passes that have ended are removed, so that the
     memory does not grow with the number of products.
-
-    Attributes
-    ----------
-    passes : list of Pass
-        Planned passes that have not ended, in order of entry.
-    last_exit : float or None
-        Time t4 in s of the last product of the line, or None if that product is not planned yet.
-    speed : float
-        Belt speed in m/s. This attribute and the following ones may be set; a new value applies
-        from the next call of `plan` on.
-    feed : bool
-        Whether products enter the belt.
-    mass : float
-        Mass of each product in kg, or 0 for the masses of the line.
-    resting : float
-        Mass in kg that rests on the belt.
-    gap : float
-        Free belt between two products in m, or 0 for the spacing of the line.
-    by_hand : list of float
-        Masses in kg of products put on the infeed by hand, which take the next places, also without
-        feed. A mass of 0 stands for that of the other products.
     """
 
     def __init__(
@@ -83,11 +62,16 @@ class BeltTravel:
         `products` the random lengths and spacings. `next_mass` returns the mass of the next product
         in kg; by default, the masses of `line` are used cyclically.
         """
-        self.passes: list[Pass] = []
-        self.last_exit: float | None = None
-        self.speed = line.speed
-        self.feed = True
-        self.mass = self.resting = self.gap = 0.0
+        self.passes: list[Pass] = []  # planned passes that have not ended, in order of entry
+        self.last_exit: float | None = None  # t4 in s of the last product, once it is planned
+        # The following may be set; a new value applies from the next call of `plan` on.
+        self.speed = line.speed  # m/s
+        self.feed = True  # whether products enter the belt
+        self.mass = 0.0  # mass of each product in kg, or 0 for the masses of the line
+        self.resting = 0.0  # mass in kg that rests on the belt
+        self.gap = 0.0  # free belt between two products in m, or 0 for the spacing of the line
+        # Masses in kg of products put on the infeed by hand, which take the next places, also
+        # without feed. A mass of 0 stands for that of the other products.
         self.by_hand: list[float] = []
         self._line = line
         self._speed_jitter = variation.speed

@@ -35,12 +35,9 @@ class Filler:
     def next_mass(self) -> float:
         """Return the mass of the next product on the scale in kg, at least 0."""
         while len(self._on_the_way) <= self._delay:
-            self._on_the_way.append(self._fill())
+            mass = next(self._set_points) + self._drift * self._filled + self.correction
+            self._filled += 1
+            if self._spread:
+                mass += self._spread * float(self._random.standard_normal())
+            self._on_the_way.append(max(mass, 0.0))
         return self._on_the_way.popleft()
-
-    def _fill(self) -> float:
-        mass = next(self._set_points) + self._drift * self._filled + self.correction
-        self._filled += 1
-        if self._spread:
-            mass += self._spread * float(self._random.standard_normal())
-        return max(mass, 0.0)

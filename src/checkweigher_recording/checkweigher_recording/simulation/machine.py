@@ -15,6 +15,8 @@ from typing import Any, Self, TypeVar
 
 import numpy as np
 
+from checkweigher_dsp.signal.platform_response import Platform
+
 PREFIX = 'machine:'
 _Cause = TypeVar('_Cause')
 
@@ -61,19 +63,10 @@ _even, _ratio, _sign = (partial(_range, draw) for draw in (_Draw.even, _Draw.rat
 
 
 @dataclass(frozen=True, slots=True)
-class Mode:
-    """Mode of vibration of the platform, which is a mass on a spring and a damper."""
-
-    natural_frequency: float = _ratio(18.0, 50.0)  # of the empty platform, in Hz
-    damping_ratio: float = _ratio(0.025, 0.1)
-    moving_mass: float = _even(1.5, 4.0)  # moving mass of the empty platform in kg
-
-
-@dataclass(frozen=True, slots=True)
 class Rocking:
     """Rotation of the platform about its middle, which changes the reading."""
 
-    mode: Mode
+    mode: Platform
     coupling: float  # change of the reading for a load at the end of the belt, per load
 
 
@@ -208,7 +201,7 @@ class Machine:
     """One machine of the family. A cause of disturbance is absent if its field is None."""
 
     setup: Setup
-    platform: Mode
+    platform: Platform
     rocking: Rocking | None
     corner: Corner | None
     transfer: Transfer | None
@@ -258,7 +251,8 @@ def draw(seed: int) -> Machine:
     names = [each.name for each in fields(Machine)]
     seeds = np.random.SeedSequence(seed).spawn(len(names))
     streams = {name: _Draw(each) for name, each in zip(names, seeds, strict=True)}
-    setup, platform = _setup(streams['setup']), streams['platform'].all_of(Mode)
+    setup, own = _setup(streams['setup']), streams['platform']
+    platform = Platform(own.ratio(18.0, 50.0), own.ratio(0.025, 0.1), own.even(1.5, 4.0))
     return Machine(
         setup=setup,
         platform=platform,
@@ -289,9 +283,9 @@ def _setup(draw: _Draw) -> Setup:
     )
 
 
-def _rocking(draw: _Draw, platform: Mode) -> Rocking:
+def _rocking(draw: _Draw, platform: Platform) -> Rocking:
     frequency = platform.natural_frequency * draw.ratio(0.7, 2.0)
-    mode = Mode(frequency, draw.ratio(0.02, 0.1), platform.moving_mass * draw.even(0.3, 1.0))
+    mode = Platform(frequency, draw.ratio(0.02, 0.1), platform.moving_mass * draw.even(0.3, 1.0))
     return Rocking(mode, draw.sign(5e-4, 5e-3))
 
 

@@ -10,7 +10,6 @@ import numpy as np
 from checkweigher_recording.simulation.belt_travel import BeltTravel, Pass
 from checkweigher_recording.simulation.machine import (
     Bounce,
-    Joint,
     Machine,
     Roller,
     Transfer,
@@ -72,14 +71,6 @@ def roller_force(
     for order, (amplitude, phase) in enumerate(lines, start=1):
         force += speed * amplitude * np.sin(order * angle + phase)
     return force * (1 + roller.growth * load)
-
-
-def joint_force(joint: Joint, travel: Array, speed: float, first: float) -> Array:
-    """Return the force of the belt joint at a roller, (n,) in kg.
-
-    `first` is the travel in m at which the joint reaches the roller.
-    """
-    return joint.size * speed * _half_sine(((travel - first) % joint.belt_length) / joint.width)
 
 
 def _weight(entry: Pass, power: float) -> float:
@@ -202,9 +193,10 @@ class MachineSignal:
             force += shaking
             moment += roller.place * shaking
         if joint := self._machine.joint:
-            first = self._joint * joint.belt_length
+            first = self._joint * joint.belt_length  # travel at which it reaches the infeed roller
             for end, place in ((first, -1), (first + self._weigh_length, 1)):
-                struck = joint_force(joint, travel, speed, end)
+                phase = ((travel - end) % joint.belt_length) / joint.width
+                struck = joint.size * speed * _half_sine(phase)
                 force += struck
                 moment += place * struck
         if noise := self._machine.noise:

@@ -4,7 +4,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from checkweigher_core.parameters import Parameters, parameter
 from checkweigher_core.records import Eye
@@ -16,21 +16,18 @@ _FLICKERS = 6  # additional switches of a dirty eye at each edge
 _FLICKER = 0.002  # time between two switches of a dirty eye in s
 
 
-def _place(eye: str) -> float:
+def _place(eye: str) -> Any:
     text = f'displacement of the {eye} eye along the belt'
-    found: float = parameter(0.0, text, unit='m', minimum=-0.1, maximum=0.1)
-    return found
+    return parameter(0.0, text, unit='m', minimum=-0.1, maximum=0.1)
 
 
-def _is_dirty(eye: str) -> bool:
+def _is_dirty(eye: str) -> Any:
     text = f'whether the {eye} eye is dirty, so that it switches {1 + _FLICKERS} times at each edge'
-    found: bool = parameter(False, text)
-    return found
+    return parameter(False, text)
 
 
-def _is_dead(eye: str) -> bool:
-    found: bool = parameter(False, f'whether the {eye} eye does not switch')
-    return found
+def _is_dead(eye: str) -> Any:
+    return parameter(False, f'whether the {eye} eye does not switch')
 
 
 @dataclass(frozen=True)
@@ -88,16 +85,12 @@ class OperationParameters(Parameters):
     def switches(self, entry: Pass) -> Iterator[tuple[float, Eye, bool]]:
         """Yield time in s, eye and new state of each switch of the eyes for a product."""
         speed = entry.length / (entry.t2 - entry.t1)
-        for eye, times, place, dirty, dead in (
-            (
-                Eye.INFEED, (entry.t1, entry.t2),
-                self.infeed_place, self.infeed_dirty, self.infeed_dead,
-            ),
-            (
-                Eye.OUTFEED, (entry.t3, entry.t4),
-                self.outfeed_place, self.outfeed_dirty, self.outfeed_dead,
-            ),
-        ):  # fmt: skip
+        all_times = {Eye.INFEED: (entry.t1, entry.t2), Eye.OUTFEED: (entry.t3, entry.t4)}
+        for eye, times in all_times.items():
+            name = eye.name.lower()
+            place, dirty, dead = (
+                getattr(self, f'{name}_{state}') for state in ('place', 'dirty', 'dead')
+            )
             for time, blocked in zip(times, (True, False), strict=True):
                 for number in range(0 if dead else 1 + _FLICKERS * dirty):
                     late = place / speed if place else 0.0

@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from checkweigher_recording.simulation.machine import Mode
+from checkweigher_dsp.signal.platform_response import Platform
 from checkweigher_recording.simulation.noise import Array
 
 
@@ -30,7 +30,7 @@ class PlatformDynamics:
     constant force is 1 at any mass.
     """
 
-    mode: Mode  # mode of the empty platform, with a damping ratio below 1
+    platform: Platform  # empty platform
     step: float  # integration step in s
     _reading: float = field(default=0.0, init=False)
     _rate: float = field(default=0.0, init=False)
@@ -63,10 +63,11 @@ class PlatformDynamics:
     def transition(self, load: float) -> tuple[float, float, float, float]:
         """Return the transition matrix a11, a12, a21, a22 of one step for a load in kg."""
         # The load changes the mass, but neither the stiffness nor the damping coefficient.
-        share = self.mode.moving_mass / (self.mode.moving_mass + load)
-        omega = 2 * math.pi * self.mode.natural_frequency
+        empty = self.platform
+        share = empty.moving_mass / (empty.moving_mass + load)
+        omega = 2 * math.pi * empty.natural_frequency
         squared = omega**2 * share
-        decay = self.mode.damping_ratio * omega * share
+        decay = empty.damping_ratio * omega * share
         damped = math.sqrt(squared - decay**2)
         envelope = math.exp(-decay * self.step)
         cosine = envelope * math.cos(damped * self.step)

@@ -36,9 +36,10 @@ from numpy.typing import NDArray
 from checkweigher_core.parameters import ParameterError, Parameters, parameter
 from checkweigher_core.recording import Event, Recording, canonical_order
 from checkweigher_core.records import NANOSECONDS, EyeEdge, LoadCell, Reference, SampleBlock
+from checkweigher_dsp.signal.platform_response import Platform
 from checkweigher_recording.simulation.belt_travel import STEADY, BeltTravel, Pass
 from checkweigher_recording.simulation.filler import Filler
-from checkweigher_recording.simulation.machine import PREFIX, Mode, generator, machine_of
+from checkweigher_recording.simulation.machine import PREFIX, generator, machine_of
 from checkweigher_recording.simulation.machine_signal import MachineSignal
 from checkweigher_recording.simulation.noise import Array, FloorNoise, white
 from checkweigher_recording.simulation.operation import CAPACITY, OperationParameters
@@ -213,22 +214,13 @@ class Simulation:
     Each iteration begins with the first product, and yields the same events if the attributes do
     not change. If the parameter ``count`` is 0, the iteration does not end. Events are not kept in
     memory. The first products do not depend on the number of products.
-
-    Attributes
-    ----------
-    operation : OperationParameters
-        Settings of the operator. They may change at any time and take effect within one second.
-    start : callable
-        Function that returns the time stamp in ns of the first sample of an iteration. It is called
-        when that sample is ready, which takes up to one second.
-    load_cell : LoadCell
-        Simulated load cell.
-    filler : Filler or None
-        Filler of the latest iteration. A new correction takes effect within one second.
     """
 
     def __init__(self, parameters: SimulationParameters) -> None:
+        # Settings of the operator. They may change at any time and take effect within one second.
         self.operation = OperationParameters()
+        # Function that returns the time stamp in ns of the first sample of an iteration. It is
+        # called when that sample is ready, which takes up to one second.
         self.start: Callable[[], int] = lambda: parameters.start_time * NANOSECONDS
         self._begin = 0
         self._parameters = parameters
@@ -240,6 +232,7 @@ class Simulation:
             model='simulated',
             serial_number=f'{parameters.profile}-{parameters.seed}',
         )
+        # Filler of the latest iteration. A new correction takes effect within one second.
         self.filler: Filler | None = None
 
     def __iter__(self) -> Iterator[Event]:
@@ -380,9 +373,8 @@ class _ProfileSignal:
         self._profile, self._belt, self._step = profile, belt, step
         phases, self._broadband, floor, self._electronic = map(generator, seeds)
         self._phases = 2 * math.pi * phases.random(len(profile.roller) + 1)
-        self._platform = PlatformDynamics(
-            Mode(profile.natural_frequency, DAMPING_RATIO, MOVING_MASS), step
-        )
+        platform = Platform(profile.natural_frequency, DAMPING_RATIO, MOVING_MASS)
+        self._platform = PlatformDynamics(platform, step)
         self._floor = FloorNoise(1 / step, floor)
 
     def seen(self, entry: Pass) -> Pass:
@@ -399,8 +391,11 @@ class _ProfileSignal:
         density = self._profile.broadband * self._belt.speed
         force += white(density, self._step, len(force), self._broadband)
         force += self._profile.floor * self._floor(len(force))
-        for entry in self._belt.passes:
-            self._add_impact(force, time, entry)
+        for entry in self._belt.passes:  # The impact at the entry has the form of a half sine.
+            size = self._profile.impact * entry.mass * self._belt.speed * entry.impact
+            begin, end = np.searchsorted(time, (entry.t1, entry.t1 + IMPACT_DURATION))
+            phase = (time[begin:end] - entry.t1) / IMPACT_DURATION
+            force[begin:end] += size * np.sin(math.pi * phase)
         return self._platform.run(force, *self._belt.load_steps(time, travel))
 
     def electronics(self, reading: Array, time: Array) -> Array:
@@ -416,10 +411,3 @@ class _ProfileSignal:
             force += self._belt.speed * amplitude * np.sin(angle)
         angle = 2 * math.pi * self._profile.motor_frequency * travel + motor
         force += self._belt.speed * self._profile.motor * np.sin(angle)
-
-    def _add_impact(self, force: Array, time: Array, entry: Pass) -> None:
-        """Add the impact of a product at its entry, whose form is a half sine."""
-        size = self._profile.impact * entry.mass * self._belt.speed * entry.impact
-        begin, end = np.searchsorted(time, (entry.t1, entry.t1 + IMPACT_DURATION))
-        phase = (time[begin:end] - entry.t1) / IMPACT_DURATION
-        force[begin:end] += size * np.sin(math.pi * phase)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from checkweigher_dsp.signal.platform_response import Platform
 from checkweigher_recording.simulation.belt_travel import STEADY, BeltTravel
-from checkweigher_recording.simulation.machine import Mode
 from checkweigher_recording.simulation.platform_dynamics import PlatformDynamics
 from checkweigher_recording.simulation.simulator import SimulationParameters
 
@@ -17,7 +17,7 @@ FREQUENCY, DAMPING, MASS, STEP = 38.0, 0.06, 2.5, 1 / 7680
 
 
 def _run(force, load, frequency=FREQUENCY):
-    platform = PlatformDynamics(Mode(frequency, DAMPING, MASS), STEP)
+    platform = PlatformDynamics(Platform(frequency, DAMPING, MASS), STEP)
     return platform.run(force, np.array((0, len(force))), np.array((load,)))
 
 
@@ -45,7 +45,7 @@ def test_ring_down_has_the_frequency_and_damping_of_theory(load):
 
 def test_a_change_of_the_load_leaves_no_trace():
     force = np.random.default_rng(1).standard_normal(1000)
-    platform = PlatformDynamics(Mode(FREQUENCY, DAMPING, MASS), STEP)
+    platform = PlatformDynamics(Platform(FREQUENCY, DAMPING, MASS), STEP)
     parts = [
         platform.run(force[begin:end], np.array((0, end - begin)), np.array((0.1,)))
         for begin, end in ((0, 1), (1, 400), (400, 1000))
@@ -61,7 +61,7 @@ def test_a_product_that_rolls_on_moves_the_platform_as_the_equation_says():
     time = np.arange(1920) * STEP
     middle = time + STEP / 2
     travel = belt.travel(middle)
-    platform = PlatformDynamics(Mode(FREQUENCY, DAMPING, MASS), STEP)
+    platform = PlatformDynamics(Platform(FREQUENCY, DAMPING, MASS), STEP)
     reading = platform.run(belt.load(middle, travel), *belt.load_steps(middle, travel))
 
     def share(t):

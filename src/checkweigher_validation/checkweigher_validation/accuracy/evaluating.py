@@ -14,11 +14,9 @@ from checkweigher_core.records import MassEstimate
 from checkweigher_dsp.denoising.denoiser import Denoiser
 from checkweigher_dsp.estimation.identifier import Identifier
 from checkweigher_dsp.pipeline.line import LineParameters, estimate_masses
-from checkweigher_validation.accuracy.errors import ConditionResult
+from checkweigher_validation.accuracy.errors import ConditionResult, distinct, same
 from checkweigher_validation.accuracy.passes import KnownPass
 from checkweigher_validation.jobs import run_jobs
-
-_MASS_STEP = 1e-6  # smallest difference of true masses that is not ignored, in kg
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,22 +37,20 @@ def weigh_passes(passes: Iterable[KnownPass], parameters: LineParameters) -> lis
 
 def evaluate_set(known: PassSet, parameters: LineParameters) -> list[ConditionResult]:
     """Return the results of the selected estimator at each mass of a set."""
-    estimates = weigh_passes(known.passes, parameters)
-    masses = np.array([each.mass for each in known.passes])
-    keys = np.round(masses / _MASS_STEP)
+    masses = [each.mass for each in known.passes]
+    pairs = list(zip(masses, weigh_passes(known.passes, parameters), strict=True))
     results = []
-    for key in np.unique(keys):
-        chosen = np.flatnonzero(keys == key)
-        weighed = [number for number in chosen if estimates[number].weighed]
-        mass = float(masses[chosen[0]])
+    for mass in distinct(masses):
+        own = [(true, found) for true, found in pairs if same(true, mass)]
+        weighed = [(true, found) for true, found in own if found.weighed]
         result = ConditionResult(
             parameters.identifier.estimator,
             known.speed,
             mass,
             known.part,
-            errors=np.array([estimates[number].mass - masses[number] for number in weighed]),
-            std_devs=np.array([estimates[number].std_dev for number in weighed]),
-            faults=len(chosen) - len(weighed),
+            errors=np.array([found.mass - true for true, found in weighed]),
+            std_devs=np.array([found.std_dev for _, found in weighed]),
+            faults=len(own) - len(weighed),
             bound=known.bounds.get(mass, math.nan),
         )
         results.append(result)

@@ -22,7 +22,7 @@ from checkweigher_core.records import (
     Verdict,
 )
 from checkweigher_dsp.pipeline.line import LineParameters, Weighing, WeighingLine
-from checkweigher_dsp.signal.running_moments import RunningMoments
+from checkweigher_dsp.signal.averages import RunningMoments
 from checkweigher_recording.progress import with_progress
 from checkweigher_validation.accuracy.passes import SAME_ITEM, ReferenceMasses
 
@@ -165,21 +165,7 @@ def table_row(result: ItemResult, origin: int) -> str:
     )
 
 
-class ErrorSum(RunningMoments):
-    """Accumulator for number, mean, standard deviation and largest magnitude of errors."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.largest = 0.0
-
-    def add(self, error: float) -> None:
-        """Add an error."""
-        super().add(error)
-        if abs(error) > abs(self.largest):
-            self.largest = error
-
-
-def summary(decisions: Mapping[Decision, int], errors: ErrorSum) -> str:
+def summary(decisions: Mapping[Decision, int], errors: RunningMoments) -> str:
     """Return a line with the number of items for each decision, and statistics of errors in g."""
     parts = [counted(sum(decisions.values()), 'item')]
     parts += [f'{decisions[each]} {each.name}' for each in Decision if each in decisions]

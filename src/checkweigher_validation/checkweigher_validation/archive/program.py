@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from functools import cache
 import hashlib
 from importlib.metadata import version
-from importlib.resources import files
-from pathlib import Path
 import platform
+
+from checkweigher_dsp.legal import package_digest
 
 _WEIGHING = ('core', 'dsp', 'recording', 'validation')  # packages on which the results depend
 _LIBRARIES = ('numpy', 'scipy', 'PyWavelets', 'pyarrow')
@@ -53,10 +53,5 @@ def other_program(there: Program, here: Program) -> str:
 
 def program_digest(packages: Iterable[str]) -> str:
     """Return the SHA-256 digest of the names and contents of all Python files of some packages."""
-    digest = hashlib.sha256()
-    for package in packages:
-        root = Path(str(files(f'checkweigher_{package}')))
-        for file in sorted(root.rglob('*.py')):
-            digest.update(f'{package}/{file.relative_to(root).as_posix()}\n'.encode())
-            digest.update(file.read_bytes())
-    return digest.hexdigest()
+    digests = [package_digest(f'checkweigher_{package}') for package in packages]
+    return hashlib.sha256(''.join(digests).encode()).hexdigest()

@@ -19,12 +19,13 @@ from checkweigher_core.recording import Recording
 from checkweigher_core.records import GRAMS, NANOSECONDS, Decision
 from checkweigher_core.ros.ports import STAGES
 from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_dsp.signal.averages import RunningMoments
 from checkweigher_recording.archive.copying import local_bag
 from checkweigher_recording.archive.digest import bag_digest
 from checkweigher_recording.bags.definitions import BagError
 from checkweigher_recording.bags.reading import over_stretches
 from checkweigher_recording.scratch import scratch_folder
-from checkweigher_validation.accuracy.results import ErrorSum, ItemResult, weigh_stretches
+from checkweigher_validation.accuracy.results import ItemResult, weigh_stretches
 from checkweigher_validation.archive.program import Program, other_program, program
 from checkweigher_validation.archive.results_file import (
     BagSummary,
@@ -137,7 +138,7 @@ class _Tally:
     begin: int | None = None  # time of the first sample in ns
     end: int = 0  # end of the last sample in ns
     decisions: Counter[Decision] = field(default_factory=Counter)
-    errors: ErrorSum = field(default_factory=ErrorSum)  # g
+    errors: RunningMoments = field(default_factory=RunningMoments)  # g
     notes: list[str] = field(default_factory=list)
 
     def stretches(self, stretches: Iterable[Recording]) -> Iterator[Recording]:

@@ -221,15 +221,10 @@ def read_recorded(path: Path, log: Path | None = None) -> Batch:
     `RecordError` if the record cannot be read, and `AuditError` if the log cannot be read.
     """
     batch = read_record(path)
-    own = own_log(path)
+    own = path.resolve().parents[1] / LOG_FILE
     if log is None and not own.is_file():
         return replace(batch, faults=(*batch.faults, _NO_LOG))
     return batch.with_log(read_chain(log or own), path.read_bytes())
-
-
-def own_log(record: Path) -> Path:
-    """Return the path of the audit log of the machine whose folder contains a record."""
-    return record.resolve().parents[1] / LOG_FILE
 
 
 def _faults(path: Path, batch: str, events: Sequence[tuple[str, Any]]) -> Iterator[str]:

@@ -70,7 +70,10 @@ def figures_of(part: Part, seed: int, plan: SamplingPlan = SamplingPlan.DOUBLE) 
     rejected = [item for item in part.items if item.decision is not Decision.ACCEPT]
     reasons = Counter(why for item in rejected for why in item.reasons or (item.decision.name,))
     masses = np.array([item.mass for item in part.items if item.decision is Decision.ACCEPT])
-    has_limits = len(masses) > 0 and SMALLEST <= nominal <= LARGEST
+    rules, test = None, None
+    if len(masses) and SMALLEST <= nominal <= LARGEST:
+        rules = judge_batch(masses, nominal)
+        test = reference_test(masses.tolist(), nominal, seed, plan)
     return PartFigures(
         part.product,
         {each.name: decisions[each] for each in Decision},
@@ -78,14 +81,9 @@ def figures_of(part: Part, seed: int, plan: SamplingPlan = SamplingPlan.DOUBLE) 
         masses,
         *_histogram(masses),
         control_chart(masses.tolist()),
-        *(_tests(masses, nominal, seed, plan) if has_limits else (None, None)),
+        rules,
+        test,
     )
-
-
-def _tests(
-    masses: NDArray[np.float64], nominal: float, seed: int, plan: SamplingPlan
-) -> tuple[BatchJudgement, ReferenceTest]:
-    return judge_batch(masses, nominal), reference_test(masses.tolist(), nominal, seed, plan)
 
 
 def _histogram(masses: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:

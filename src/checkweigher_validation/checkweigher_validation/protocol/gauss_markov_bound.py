@@ -29,8 +29,8 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky, norm, solve_discrete_lyapunov, solve_triangular
 from scipy.signal import StateSpace, butter, tf2ss
 
+from checkweigher_dsp.signal.platform_response import Platform
 from checkweigher_recording.simulation.belt_travel import STEADY, BeltTravel
-from checkweigher_recording.simulation.machine import Mode
 from checkweigher_recording.simulation.noise import FLOOR_BAND, FLOOR_BANDWIDTH
 from checkweigher_recording.simulation.platform_dynamics import PlatformDynamics
 from checkweigher_recording.simulation.simulator import (
@@ -180,8 +180,8 @@ class _SimulatedPass:
         return _covariance_of_readings(step, loads[self._first :])
 
     def _platform(self) -> PlatformDynamics:
-        mode = Mode(self._profile.natural_frequency, DAMPING_RATIO, MOVING_MASS)
-        return PlatformDynamics(mode, self._step)
+        platform = Platform(self._profile.natural_frequency, DAMPING_RATIO, MOVING_MASS)
+        return PlatformDynamics(platform, self._step)
 
 
 def _covariance_of_readings(

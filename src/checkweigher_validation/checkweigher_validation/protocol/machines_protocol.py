@@ -64,22 +64,6 @@ class MachineRun:
     attainable: tuple[ConditionResult, ...]
 
 
-def passes_of(
-    machine: int,
-    speed: float,
-    masses: Sequence[float],
-    count: int,
-    seed: int,
-    segmenter: SegmenterParameters,
-    without: tuple[str, ...] = (),
-) -> tuple[KnownPass, ...]:
-    """Return simulated passes, whose windows are cut by one set of parameters.
-
-    The other parameters are as in `passes_cut_by`.
-    """
-    return passes_cut_by(machine, speed, masses, count, seed, (segmenter,), without)[0]
-
-
 def passes_cut_by(
     machine: int,
     speed: float,
@@ -116,7 +100,7 @@ def run_machine(
     taught, count, cuts = protocol.training_masses, protocol.training, (eyes, segmenter)
     train, as_untrained = passes_cut_by(machine, speed, taught, count, 0, cuts, without)
     test, untrained = passes_cut_by(machine, speed, MASSES, PASSES, 1, cuts, without)
-    further = passes_of(machine, speed, MASSES, protocol.further, 2, eyes, without)
+    (further,) = passes_cut_by(machine, speed, MASSES, protocol.further, 2, (eyes,), without)
     whole = whole_passes(test)
     errors = attainable_errors(whole_passes(further), whole)
     weighed = np.array([each.mass for each in whole])
@@ -167,24 +151,25 @@ def _weigh(
     n_jobs: int | None,
 ) -> MachineResult:
     """Return the results of the tuned estimators, and of the same estimators without training."""
-    parts = [PassSet(run.speed, 'train', run.train) for run in runs]
-    parts += [PassSet(run.speed, 'test', run.test) for run in runs]
-    unknown = [PassSet(run.speed, 'test', run.untrained) for run in runs]
+    parts = [*_sets(runs, 'train', 'train'), *_sets(runs, 'test', 'test')]
+    unknown = _sets(runs, 'test', 'untrained')
     attainable = [one for run in runs for one in run.attainable]
     found = evaluate_sets(parts, [each.parameters for each in tuned.values()], n_jobs)
     untrained = evaluate_sets(unknown, [base.with_estimator(name) for name in tuned], n_jobs)
     best = [one for one in found if one.estimator == chosen]
     if chosen == UNTRAINED:
-        cut = [PassSet(run.speed, 'train', run.train_untrained) for run in runs]
+        cut = _sets(runs, 'train', 'train_untrained')
         best = list(evaluate_sets([*cut, *unknown], [base], n_jobs))
+    renamed = [replace(one, estimator=CHOSEN) for one in best]
     title = f'machine {machine}'
     return MachineResult(
         machine,
-        tuned=Evaluation(title, (*attainable, *found, *_renamed(best)), ()),
+        tuned=Evaluation(title, (*attainable, *found, *renamed), ()),
         untrained=Evaluation(title, (*attainable, *untrained), ()),
         chosen=chosen,
     )
 
 
-def _renamed(results: Sequence[ConditionResult]) -> list[ConditionResult]:
-    return [replace(one, estimator=CHOSEN) for one in results]
+def _sets(runs: Sequence[MachineRun], part: str, name: str) -> list[PassSet]:
+    """Return the passes in the field `name` of each run."""
+    return [PassSet(run.speed, part, getattr(run, name)) for run in runs]

@@ -14,17 +14,10 @@ from checkweigher_core.records import GRAMS
 from checkweigher_validation.accuracy.errors import Evaluation, average
 from checkweigher_validation.accuracy.paper_table import comparable_index
 from checkweigher_validation.accuracy.tables import METRES_PER_MINUTE
+from checkweigher_validation.report import inline_svg as svg
 from checkweigher_validation.report.content import looks_of
-from checkweigher_validation.report.inline_svg import (
-    DASHED,
-    MUTED,
-    SURFACE,
-    label_rows,
-    new_figure,
-    stand_in,
-)
 
-_BOUND: dict[str, Any] = {**DASHED, 'label': '3 × bound'}
+_BOUND: dict[str, Any] = {**svg.DASHED, 'label': '3 × bound'}
 _COLUMNS = 3
 
 
@@ -32,7 +25,7 @@ def index_by_mass_figure(evaluation: Evaluation, part: str) -> Figure:
     """Draw A as a function of the mass, with a panel per speed (figure 11 of Long et al.)."""
     speeds, lines = evaluation.speeds, _lines(evaluation)
     rows = math.ceil((len(speeds) + 1) / _COLUMNS)  # the additional panel is for the legend
-    figure, grid = new_figure(2.5 * rows, rows, _COLUMNS, squeeze=False)
+    figure, grid = svg.new_figure(2.5 * rows, rows, _COLUMNS, squeeze=False)
     panels = grid.ravel()
     for number, (axes, speed) in enumerate(zip(panels, speeds, strict=False)):
         for name, line in lines.items():
@@ -57,7 +50,7 @@ def index_by_mass_figure(evaluation: Evaluation, part: str) -> Figure:
 
 def averages_figure(evaluation: Evaluation, part: str) -> Figure:
     """Draw the averages of A over the masses, and over masses and speeds (figure 12)."""
-    figure, (left, right) = new_figure(3.9, 1, 2, width_ratios=(1, 1.1))
+    figure, (left, right) = svg.new_figure(3.9, 1, 2, width_ratios=(1, 1.1))
     _draw_by_speed(left, evaluation, part)
     _draw_overall(right, evaluation, part)
     return figure
@@ -84,15 +77,15 @@ def _draw_overall(axes: Axes, evaluation: Evaluation, part: str) -> None:
     for row, (name, means) in enumerate(ranked.items()):
         mean, color = GRAMS * means.index, lines[name]['color']
         mark: dict[str, Any] = {'marker': lines[name]['marker'], 'ms': 8, 'ls': ''}
-        axes.plot(papers[name], row, **mark, mfc=SURFACE, mec=color, mew=1.4, zorder=2)
-        axes.plot(mean, row, **mark, mec=SURFACE, mew=0.8, color=color, zorder=3)
+        axes.plot(papers[name], row, **mark, mfc=svg.SURFACE, mec=color, mew=1.4, zorder=2)
+        axes.plot(mean, row, **mark, mec=svg.SURFACE, mew=0.8, color=color, zorder=3)
         if not math.isnan(mean):
             place = ('axes fraction', 'data')
             axes.annotate(f'{mean:.3f}', (1.01, row), xycoords=place, va='center', fontsize=8.5)
     bound = 3 * GRAMS * average(evaluation.select(part=part)).bound
     if not math.isnan(bound):
-        axes.axvline(bound, **DASHED)
-    label_rows(axes, [lines[name]['label'] for name in ranked])
+        axes.axvline(bound, **svg.DASHED)
+    svg.label_rows(axes, [lines[name]['label'] for name in ranked])
     axes.set_xlim(left=0)
     has_paper = not all(map(math.isnan, papers.values()))
     title = 'Average over everything' + (', hollow: the paper' if has_paper else '')
@@ -100,9 +93,9 @@ def _draw_overall(axes: Axes, evaluation: Evaluation, part: str) -> None:
 
 
 def _lines(evaluation: Evaluation) -> dict[str, dict[str, Any]]:
-    shared = {'ms': 5.5, 'mec': SURFACE, 'mew': 0.6, 'lw': 1.2}
+    shared = {'ms': 5.5, 'mec': svg.SURFACE, 'mew': 0.6, 'lw': 1.2}
     return {
-        name: {'color': stand_in(number), 'marker': look.marker, 'label': look.label, **shared}
+        name: {'color': svg.stand_in(number), 'marker': look.marker, 'label': look.label, **shared}
         for number, (name, look) in enumerate(looks_of(evaluation.estimators).items())
     }
 
@@ -115,4 +108,4 @@ def _logarithmic(axes: Axes) -> None:
     axes.yaxis.set_major_locator(LogLocator(subs=steps))
     axes.yaxis.set_major_formatter('{x:g}')
     axes.minorticks_off()
-    axes.spines['bottom'].set_color(MUTED)
+    axes.spines['bottom'].set_color(svg.MUTED)

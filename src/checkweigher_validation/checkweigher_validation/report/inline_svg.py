@@ -13,7 +13,7 @@ from pathlib import Path
 import re
 from typing import Any
 
-from markupsafe import escape
+from markupsafe import Markup, escape
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -47,7 +47,7 @@ def label_rows(axes: Axes, labels: Sequence[str]) -> None:
     axes.invert_yaxis()
 
 
-def to_inline_svg(figure: Figure, name: str, description: str) -> str:
+def to_inline_svg(figure: Figure, name: str, description: str) -> Markup:
     """Return a figure as an SVG element for an HTML page.
 
     The function must be called within the style `STYLE`. `name` is a prefix for all ids in the
@@ -66,4 +66,4 @@ def to_inline_svg(figure: Figure, name: str, description: str) -> str:
     for color, variable in _VARIABLES.items():
         rest = rest.replace(color, f'var(--{variable})')
     rest = _SERIES.sub(lambda found: f'var(--series-{int(found[1], 16)})', rest)
-    return f'{head} role="img" aria-label="{escape(description)}">{rest}'.strip()
+    return Markup(f'{head} role="img" aria-label="{escape(description)}">{rest}'.strip())

@@ -19,20 +19,12 @@ from checkweigher_validation.accuracy.machine_tables import (
     family_tables,
     ratios,
 )
+from checkweigher_validation.report import inline_svg as svg
 from checkweigher_validation.report.content import looks_of, number
-from checkweigher_validation.report.inline_svg import (
-    DASHED,
-    INK,
-    STYLE,
-    SURFACE,
-    label_rows,
-    new_figure,
-    stand_in,
-)
 from checkweigher_validation.report.page import fill
 
 
-@rc_context(fname=STYLE)
+@rc_context(fname=svg.STYLE)
 def render_machines(
     machines: Sequence[MachineResult], title: str, provenance: Sequence[tuple[str, str]]
 ) -> str:
@@ -81,17 +73,17 @@ def _by_speed(machine: Evaluation, looks: Mapping[str, PlotStyle]) -> list[tuple
 def _ratios_figure(
     table: FamilyTable, machines: Sequence[Evaluation], looks: Mapping[str, PlotStyle]
 ) -> Figure:
-    figure, axes = new_figure(0.6 + 0.36 * len(table.rows))
-    shared: Any = {'ls': '', 'ms': 5, 'mec': SURFACE, 'mew': 0.6, 'alpha': 0.7}
+    figure, axes = svg.new_figure(0.6 + 0.36 * len(table.rows))
+    shared: Any = {'ls': '', 'ms': 5, 'mec': svg.SURFACE, 'mew': 0.6, 'alpha': 0.7}
     for place, row in enumerate(table.rows):
         found, marker = ratios(machines, row.estimator), looks[row.estimator].marker
-        axes.plot(found, [place] * len(found), marker=marker, color=stand_in(place), **shared)
-        axes.plot([np.mean(found)] * 2, [place - 0.3, place + 0.3], color=INK, lw=1.4)
-    label_rows(axes, [looks[row.estimator].label for row in table.rows])
+        axes.plot(found, [place] * len(found), marker=marker, color=svg.stand_in(place), **shared)
+        axes.plot([np.mean(found)] * 2, [place - 0.3, place + 0.3], color=svg.INK, lw=1.4)
+    svg.label_rows(axes, [looks[row.estimator].label for row in table.rows])
     axes.set_xscale('log')
     axes.set_xticks([1, 1.2, 1.5, 2, 3, 5, 10])
     axes.xaxis.set_major_formatter('{x:g}')
     axes.xaxis.set_minor_formatter('')
-    axes.axvline(1.0, **DASHED)
+    axes.axvline(1.0, **svg.DASHED)
     axes.set_xlabel('A / attainable A')
     return figure

@@ -10,7 +10,6 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib import rc_context
-from matplotlib.figure import Figure
 
 from checkweigher_production import prepackages
 from checkweigher_validation.accuracy.classes import AccuracyClass, suitability, weighings_required
@@ -77,8 +76,8 @@ def fill(template: str, title: str, estimators: Sequence[str] = (), **values: An
         'looks': list(content.looks_of(tuple(estimators)).values()),
         'mass_label': content.mass_label,
         'number': content.number,
-        'picture': picture,
         'speed_label': content.speed_label,
+        'svg': to_inline_svg,
     }
     page = environment.get_template(template).render(shared | values)
     report_id = hashlib.sha256(page.encode()).hexdigest()[: len(_NO_ID)]
@@ -88,11 +87,3 @@ def fill(template: str, title: str, estimators: Sequence[str] = (), **values: An
 def _css_string(text: str) -> Markup:
     """Return a text as the content of a string of CSS in an HTML page."""
     return Markup(sub(r'[^\w .,:-]', lambda found: f'\\{ord(found[0]):x} ', text))
-
-
-def picture(name: str, figure: Figure, caption: str) -> Markup:
-    """Return a figure with its caption as HTML. The ids in the figure begin with `name`."""
-    caption = Markup(' ').join(caption.split())
-    return Markup(
-        '<figure>\n<div class="scroll">{}</div>\n<figcaption>{}</figcaption>\n</figure>'
-    ).format(Markup(to_inline_svg(figure, name, caption)), caption)

@@ -10,25 +10,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 
-from checkweigher_validation.report.inline_svg import (
-    INK,
-    SHADE,
-    STYLE,
-    SURFACE,
-    new_figure,
-    stand_in,
-)
+from checkweigher_validation.report import inline_svg as svg
 from checkweigher_validation.report.page import fill
 from checkweigher_validation.verification.steps import StepKind
 
 _DRAWN = ('warm-up, passes', 'passes', 'eccentricity', 'repeatability')
 _PANELS = 3  # number of panels in a row
-_BLUE = stand_in(90)
+_BLUE = svg.stand_in(90)
 
 Values = Mapping[str, Any]
 
 
-@rc_context(fname=STYLE)
+@rc_context(fname=svg.STYLE)
 def render_verification(report: Values) -> str:
     """Return the HTML page of a report of `checkweigher_validation.verification.report`."""
     made = {kind: [step for step in report['steps'] if step['test'] == kind] for kind in StepKind}
@@ -45,7 +38,7 @@ def _errors_figure(steps: Sequence[Values]) -> Figure:
         title = f'{step["test"]}, {step["speed_m_per_min"]:g} m/min'
         panels.setdefault(title, []).append(step)
     rows = -(-len(panels) // _PANELS)
-    figure, grid = new_figure(0.4 + 2.5 * rows, rows, _PANELS, squeeze=False)
+    figure, grid = svg.new_figure(0.4 + 2.5 * rows, rows, _PANELS, squeeze=False)
     for axes, (title, own) in zip(grid.flat, panels.items(), strict=False):
         _draw(axes, own)
         axes.set_title(title)
@@ -59,12 +52,12 @@ def _draw(axes: Axes, steps: Sequence[Values]) -> None:
         errors = [each['error_g'] for each in step['passes'] if each['error_g'] is not None]
         if step['max_error_g'] is not None:
             limit = step['max_error_g']
-            axes.fill_between([place - 0.42, place + 0.42], -limit, limit, color=SHADE, lw=0)
+            axes.fill_between([place - 0.42, place + 0.42], -limit, limit, color=svg.SHADE, lw=0)
         spread = np.linspace(-0.3, 0.3, len(errors)) if len(errors) > 1 else np.zeros(1)
-        axes.plot(place + spread, errors, '.', ms=4, color=_BLUE, mec=SURFACE, mew=0.3)
-        axes.plot([place - 0.36, place + 0.36], [step['error_g']] * 2, color=INK, lw=1.6)
+        axes.plot(place + spread, errors, '.', ms=4, color=_BLUE, mec=svg.SURFACE, mew=0.3)
+        axes.plot([place - 0.36, place + 0.36], [step['error_g']] * 2, color=svg.INK, lw=1.6)
     axes.set_xticks(range(len(steps)), [_label(step) for step in steps])
-    axes.axhline(0, color=INK, lw=0.6)
+    axes.axhline(0, color=svg.INK, lw=0.6)
     axes.set_ylabel('error, g')
 
 

@@ -10,8 +10,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
-from scipy.stats import t as student
 
 from checkweigher_validation.accuracy.errors import overall_index
 
@@ -116,13 +114,15 @@ def uncertainty(errors: NDArray[np.float64], masses: NDArray[np.float64]) -> Unc
     increased by the ratio of the 97.5 % quantiles of Student's t and the normal distribution,
     because the standard deviation of few errors is itself uncertain. [own derivation]
     """
+    from scipy.stats import norm, t  # imported late, because the import is slow
+
     mean = float(np.mean(masses))
     shares = np.linspace(0.0, 1.0, 101)  # fraction of the variance that is proportional to mass**2
     badness = np.array([_badness(share, errors, masses / mean) for share in shares])
     probabilities = np.exp(-len(errors) / 2 * (badness - badness.min()) - _PRIOR * shares)
     share = float(shares @ probabilities / probabilities.sum())
     variance = float(np.mean(errors**2 / _growth(share, masses / mean)))
-    widening = float(student.ppf(0.975, len(errors) - 1) / norm.ppf(0.975))
+    widening = float(t.ppf(0.975, len(errors) - 1) / norm.ppf(0.975))
     std_dev, relative = math.sqrt(variance * (1 - share)), math.sqrt(variance * share) / mean
     return Uncertainty(widening * std_dev, widening * relative)
 

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from checkweigher_dsp.estimation.estimators.gauss_markov import (
     GaussMarkovParameters,
@@ -121,6 +120,8 @@ def fit_platform(
 
     Raises `TuningError` if the passes are too short or have no noise.
     """
+    from scipy.optimize import least_squares  # imported late, because the import is slow
+
     whiteners = {group.speed: _first_whitener(group, known) for group in groups}
     heaviest = max(float(group.masses.max()) for group in groups)
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from checkweigher_dsp.denoising.denoiser import DenoiseParameters, Denoiser
 from checkweigher_dsp.estimation.estimators.base import Axis
-from checkweigher_dsp.signal.platform_poles import is_stable
+from checkweigher_dsp.signal.extended_kalman import is_stable
 from checkweigher_validation.tuning.tunables import Tunable
 
 _BANDS = ('gamma5', 'gamma6', 'gamma7', 'lambda5', 'lambda6', 'lambda7')

@@ -24,8 +24,6 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import toeplitz
-from scipy.stats import qmc
 
 from checkweigher_core.records import WeighWindow
 from checkweigher_dsp.denoising.window_batch import rise_time, transit
@@ -67,6 +65,8 @@ _BEGINNINGS = (0.3, 0.5, 1.0)
 
 def _points() -> NDArray[np.float64]:
     """Return the points of the coefficients, (points, 6): a grid, and random points in a box."""
+    from scipy.stats import qmc  # imported late, because the import is slow
+
     low, high = np.array(_RANGES).T
     cube = qmc.LatinHypercube(len(_RANGES), rng=np.random.default_rng(_SEED))
     return np.vstack((_GRID, low * (high / low) ** cube.random(_RANDOM)))
@@ -219,6 +219,8 @@ class TunedLearned(Tunable):
         return alone, fit(_evidence(self.group, layout).select(self._led), prior)
 
     def _prior(self, layout: Layout) -> Prior:
+        from scipy.linalg import toeplitz  # imported late, because the import is slow
+
         elsewhere = np.zeros((layout.count, layout.count))
         for group in self.others:
             led = _is_led(group, self.known)

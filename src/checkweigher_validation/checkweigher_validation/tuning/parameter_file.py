@@ -31,20 +31,9 @@ def parameter_file(
     """Return the text of a parameter file.
 
     The file has all parameters of the tuned estimators, and all other parameters that differ from
-    their defaults. The first estimator of `tuned` is selected in the file.
-
-    Parameters
-    ----------
-    tuned : mapping of str to Tuned
-        Tuned estimators by name, or the default without training.
-    source : sequence of str
-        A line for each set of training passes.
-    made : datetime or None
-        Time of tuning, by default now.
-    compared : mapping of str to Tuned or None
-        Estimators in the table of accuracies, by default `tuned`.
-    reason : str
-        Reason for the selection of the first estimator, in one line.
+    their defaults. The first estimator of `tuned` is selected in the file, for a `reason` in one
+    line. `source` has a line for each set of training passes. `made` is the time of tuning, by
+    default now. `compared` has the estimators in the table of accuracies, by default `tuned`.
     """
     made = made or datetime.now(UTC)
     lines = [

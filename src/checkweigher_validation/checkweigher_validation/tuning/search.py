@@ -9,8 +9,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
-from scipy.stats import qmc
 
 from checkweigher_dsp.estimation.estimators.base import Axis
 
@@ -92,6 +90,8 @@ def _explore(
     at: Callable[[Point], float], tried: Sequence[_Trial], dimensions: int, budget: int
 ) -> None:
     """Evaluate points until the budget is used. `at` evaluates a point and adds it to `tried`."""
+    from scipy.stats import qmc  # imported late, because the import is slow
+
     points = qmc.LatinHypercube(dimensions, rng=np.random.default_rng(_SEED))
     for point in points.random(max(round(budget * _EXPLORED) - 1, 0)):
         at(point)
@@ -115,6 +115,8 @@ def _best_apart(tried: Sequence[_Trial]) -> list[Point]:
 
 def _descend(at: Callable[[Point], float], origin: Point, step: float, evaluations: int) -> None:
     """Search by Nelder and Mead if `evaluations` exceeds the number of corners of a simplex."""
+    from scipy.optimize import minimize  # imported late, because the import is slow
+
     if evaluations > len(origin) + 1:
         # All corners of the first simplex must be in the range from 0 to 1.
         inward = np.where(origin + step <= 1, step, -step)

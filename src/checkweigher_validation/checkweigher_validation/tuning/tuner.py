@@ -133,10 +133,11 @@ def tune(
     may_fail = len(estimators) - 1 if skip_failing else 0
     if len(failed) > may_fail:
         raise next(iter(failed.values()))
-    tuned = {name: [task for task in tasks if task.name == name] for name in estimators}
     return {
-        name: _assemble(name, [_with_held_out(task, found) for task in own], lines[name])
-        for name, own in tuned.items()
+        name: _assemble(
+            name, [_with_held_out(task, found) for task in tasks if task.name == name], lines[name]
+        )
+        for name in estimators
         if name not in failed
     }
 

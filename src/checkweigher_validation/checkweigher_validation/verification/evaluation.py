@@ -271,7 +271,15 @@ def _shortcomings_outside(condition: ConditionResult, planned: int) -> Iterator[
 def _gaps(plan: Plan, results: Sequence[Result], missing: Sequence[str]) -> Iterator[str]:
     """Yield a sentence for each step, test and weighing that is missing."""
     yield from (f'Step {name} was not made.' for name in missing)
-    yield from _missing_tests(plan)
+    tests = {
+        'warm-up': plan.warm_up,
+        'zero': plan.zero,
+        'eccentricity': plan.eccentricity,
+        'range of dynamic setting': plan.outside,
+        'repeatability': plan.repeatability,
+        'loads at rest': plan.static,
+    }
+    yield from (f'The plan has no test of {name}.' for name, test in tests.items() if not test)
     for result in results:
         if 0 < result.count < result.required:
             yield (
@@ -322,18 +330,6 @@ def _foreign_cell(procedure: Procedure) -> Iterator[str]:
     calibration = procedure.identity.get('audit_log_calibration')
     if calibration not in (None, digest_of(asdict(procedure.load_cell))):
         yield 'The samples have another calibration than the audit log of the machine.'
-
-
-def _missing_tests(plan: Plan) -> Iterator[str]:
-    tests = {
-        'warm-up': plan.warm_up,
-        'zero': plan.zero,
-        'eccentricity': plan.eccentricity,
-        'range of dynamic setting': plan.outside,
-        'repeatability': plan.repeatability,
-        'loads at rest': plan.static,
-    }
-    yield from (f'The plan has no test of {name}.' for name, test in tests.items() if not test)
 
 
 def _load_departures(plan: Plan) -> Iterator[str]:

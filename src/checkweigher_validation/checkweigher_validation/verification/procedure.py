@@ -118,6 +118,7 @@ def read_procedure(path: Path) -> Procedure:
         path, ports.VERIFICATION, ports.MASS_ESTIMATE, ports.VERDICT, ports.ZERO_SETTING
     )
     made: list[VerificationStep] = found[ports.VERIFICATION.name]
+    estimates, verdicts = found[ports.MASS_ESTIMATE.name], found[ports.VERDICT.name]
     texts = {each.state: each.text for each in made}
     if not {StepState.PLAN, StepState.IDENTITY} <= set(texts):
         raise BagError(f'{path}: contains no verification; the command verify records one')
@@ -125,37 +126,26 @@ def read_procedure(path: Path) -> Procedure:
         plan = read_plan(texts[StepState.PLAN])
         known = _NEWER | json.loads(texts[StepState.IDENTITY])
         identity = {name: known[name] for name in IDENTITY}
-        changes = known.get('changes')
     except (KeyError, ValueError) as error:
         raise BagError(f'{path}: its plan or identity cannot be used: {error}') from None
+    changes = known.get('changes')
     recording = read_bag(path)
-    passes = item_passes(found[ports.MASS_ESTIMATE.name], found[ports.VERDICT.name])
-    steps = {step.name: step for step in steps_of(plan)}
-    ended = [each for each in made if each.state in (StepState.DONE, StepState.SKIPPED)]
-    if unknown := {each.step for each in ended} - steps.keys():
-        raise BagError(f'{path}: its plan has no step {min(unknown)!r}')
-    attempts = [_attempt(steps[each.step], each, passes, recording) for each in ended]
+    passes = item_passes(estimates, verdicts)
+    attempts = tuple(_attempts(path, plan, made, passes, recording))
     begun = [each.stamp for each in made if each.state == StepState.BEGUN]
+    begins = begun if known['how'] == OF_BAGS else []
+    interval = plan.accuracy_class.interval
     return Procedure(
         plan=plan,
         plan_text=texts[StepState.PLAN],
         identity=identity,
         load_cell=recording.load_cell,
-        attempts=tuple(attempts),
+        attempts=attempts,
         zeros=tuple(found[ports.ZERO_SETTING.name]),
         digest=mcap_digest(path),
         faults_between=tuple(_faults_between(passes, attempts)),
         changes=None if changes is None else tuple(changes),
-        conflicts=tuple(
-            conflicts(
-                recording,
-                found[ports.MASS_ESTIMATE.name],
-                found[ports.VERDICT.name],
-                known,
-                plan.accuracy_class.interval,
-                begun if known['how'] == OF_BAGS else [],
-            )
-        ),
+        conflicts=tuple(conflicts(recording, estimates, verdicts, known, interval, begins)),
     )
 
 
@@ -185,15 +175,27 @@ def _faults_between(passes: Sequence[ItemPass], attempts: Sequence[Attempt]) -> 
             yield item
 
 
-def _attempt(
-    step: Step, made: VerificationStep, passes: Sequence[ItemPass], recording: Recording
-) -> Attempt:
-    begin, end = made.begin or 0, made.stamp
-    if made.state == StepState.SKIPPED:
-        return Attempt(step, end, end, skipped=made.text or 'skipped')
-    if step.at_rest:
-        return Attempt(step, begin, end, reading=_reading(recording, begin, end))
-    return Attempt(step, begin, end, tuple(each for each in passes if begin <= each.stamp <= end))
+def _attempts(
+    path: Path,
+    plan: Plan,
+    made: Sequence[VerificationStep],
+    passes: Sequence[ItemPass],
+    recording: Recording,
+) -> Iterator[Attempt]:
+    steps = {step.name: step for step in steps_of(plan)}
+    for each in made:
+        if each.state not in (StepState.DONE, StepState.SKIPPED):
+            continue
+        if each.step not in steps:
+            raise BagError(f'{path}: its plan has no step {each.step!r}')
+        step, begin, end = steps[each.step], each.begin or 0, each.stamp
+        if each.state == StepState.SKIPPED:
+            yield Attempt(step, end, end, skipped=each.text or 'skipped')
+        elif step.at_rest:
+            yield Attempt(step, begin, end, reading=_reading(recording, begin, end))
+        else:
+            own = tuple(item for item in passes if begin <= item.stamp <= end)
+            yield Attempt(step, begin, end, own)
 
 
 def _reading(recording: Recording, begin: int, end: int) -> AtRest:

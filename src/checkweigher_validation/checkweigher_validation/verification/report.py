@@ -64,7 +64,7 @@ def report_of(procedure: Procedure) -> Values:
         'identity': dict(identity),
         'digests': {
             'bag': procedure.digest,
-            'plan': _digest(procedure.plan_text),
+            'plan': hashlib.sha256(procedure.plan_text.encode()).hexdigest(),
             'calibration': digest_of(cell),
             'parameters': identity['parameters_sha256'],
             'audit_log': identity['audit_log_sha256'],
@@ -114,10 +114,6 @@ def _plan_values(plan: Plan) -> Values:
 def as_json(report: Mapping[str, Any]) -> str:
     """Return a report as the text of its JSON file."""
     return json.dumps(report, indent=1, ensure_ascii=False, allow_nan=False) + '\n'
-
-
-def _digest(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _step(result: Result, first: Result | None = None) -> Values:

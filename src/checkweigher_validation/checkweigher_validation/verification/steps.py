@@ -75,10 +75,15 @@ def steps_of(plan: Plan) -> tuple[Step, ...]:
 
 
 def _steps(plan: Plan) -> Iterator[Step]:
-    yield from _warm_up_steps(plan)
-    readings = plan.zero.readings if plan.zero else 0
-    for number in range(1, readings + 1):
-        yield Step(f'zero_{number}', StepKind.ZEROING if number == 1 else StepKind.ZERO)
+    if plan.warm_up:
+        passes = plan.passes_of(plan.warm_up)
+        for minutes in plan.warm_up.minutes:
+            yield Step(f'warm_up_zero_{minutes:g}', StepKind.WARM_UP_ZERO, minutes=minutes)
+            yield Step(f'warm_up_{minutes:g}', StepKind.WARM_UP, *passes, minutes=minutes)
+    if plan.zero:
+        yield Step('zero_1', StepKind.ZEROING)
+        for number in range(2, plan.zero.readings + 1):
+            yield Step(f'zero_{number}', StepKind.ZERO)
     for number, section in enumerate(plan.outside, start=1):
         yield Step(f'outside_{number}', StepKind.OUTSIDE, *plan.passes_of(section, default=3))
     for passes in plan.passes_in_motion:
@@ -99,11 +104,3 @@ def _steps_at_rest(plan: Plan) -> Iterator[Step]:
         yield Step(f'static_down_{load.name}', StepKind.STATIC, load)
     if plan.zero:
         yield Step('zero_after', StepKind.ZERO_AFTER)
-
-
-def _warm_up_steps(plan: Plan) -> Iterator[Step]:
-    if plan.warm_up:
-        passes = plan.passes_of(plan.warm_up)
-        for minutes in plan.warm_up.minutes:
-            yield Step(f'warm_up_zero_{minutes:g}', StepKind.WARM_UP_ZERO, minutes=minutes)
-            yield Step(f'warm_up_{minutes:g}', StepKind.WARM_UP, *passes, minutes=minutes)

@@ -15,9 +15,10 @@ from spoilt_lines import CELL, make_line, plans
 from checkweigher_core.recording import Recording
 from checkweigher_core.records import NANOSECONDS, Reference
 from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_dsp.signal.averages import RunningMoments
 from checkweigher_recording.simulation.simulator import SimulationParameters, simulate
 from checkweigher_validation.accuracy.columns import rows_as_csv
-from checkweigher_validation.accuracy.results import ErrorSum, weigh, weigh_stretches
+from checkweigher_validation.accuracy.results import weigh, weigh_stretches
 
 MEAN = LineParameters().with_estimator('mean')
 
@@ -83,7 +84,7 @@ def test_stretches_of_a_spoilt_line_have_the_results_of_the_whole(plan, seconds)
 
 def test_errors_are_summed_without_being_kept():
     errors = np.random.default_rng(3).normal(0.1, 2.0, 1000).tolist()
-    found = ErrorSum()
+    found = RunningMoments()
 
     for error in errors:
         found.add(error)

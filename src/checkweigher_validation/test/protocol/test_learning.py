@@ -11,7 +11,7 @@ from checkweigher_dsp.denoising.denoiser import Denoiser
 from checkweigher_dsp.estimation.identifier import Identifier
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_validation.accuracy.passes import SpeedGroup
-from checkweigher_validation.protocol.machines_protocol import MASSES, SPEEDS, passes_of
+from checkweigher_validation.protocol.machines_protocol import MASSES, SPEEDS, passes_cut_by
 from checkweigher_validation.tuning.stated_lag import unchecked
 from checkweigher_validation.tuning.tuner import tune
 
@@ -28,7 +28,7 @@ def scatter(estimates, masses):
 
 
 def passes(machine, speed, seed):
-    found = passes_of(machine, speed, MASSES, 120, seed, SEGMENTER)
+    found = passes_cut_by(machine, speed, MASSES, 120, seed, [SEGMENTER])[0]
     return tuple(each for each in found if each.whole)
 
 

@@ -16,7 +16,7 @@ from checkweigher_validation.protocol.machines_protocol import (
     MASSES,
     MachinesProtocol,
     evaluate_machines,
-    passes_of,
+    passes_cut_by,
     run_machine,
 )
 
@@ -25,7 +25,9 @@ SHORT = MachinesProtocol((3,), training=20, further=150, speeds=(1.5,))
 
 
 def test_passes_are_of_the_masses_in_random_order_and_repeatable():
-    one, again, other = (passes_of(3, 1.0, MASSES, 20, seed, SEGMENTER) for seed in (1, 1, 2))
+    one, again, other = (
+        passes_cut_by(3, 1.0, MASSES, 20, seed, [SEGMENTER])[0] for seed in (1, 1, 2)
+    )
     assert one == again
     assert Counter(each.mass for each in one) == dict.fromkeys(MASSES, 4)
     assert [each.mass for each in one] != [each.mass for each in other]
@@ -42,7 +44,8 @@ def test_training_test_and_further_passes_are_apart():
 
 def test_a_machine_may_lack_causes():
     whole, less = (
-        passes_of(3, 1.0, MASSES, 10, 1, SEGMENTER, without) for without in ((), ('bounce',))
+        passes_cut_by(3, 1.0, MASSES, 10, 1, [SEGMENTER], without)[0]
+        for without in ((), ('bounce',))
     )
     assert [each.window.t1 for each in whole] == [each.window.t1 for each in less]
     assert whole[5].window.counts.tobytes() != less[5].window.counts.tobytes()

@@ -6,6 +6,7 @@ import asyncio
 from html import escape
 from pathlib import Path
 import secrets
+import sys
 from typing import Any
 from urllib.parse import parse_qs
 
@@ -39,8 +40,13 @@ _FIRST = """
 <label>{code} <input name="code" autocomplete="off" autofocus required></label>"""
 _NO_USER = Text(
     'The page has no user yet. The first one is a technician, who may do everything. The terminal '
-    'or log in which the page was started shows the code.'
+    'or log in which the page was started shows the code now.'
 )
+
+
+def first_user(code: str) -> str:
+    """Return the line that tells the code of the first user."""
+    return f'no user yet: log in with the code {code} to make the first one'
 
 
 def logout_form(token: str, say: Language) -> str:
@@ -88,8 +94,9 @@ class _Forms:
         say = language_of(request.headers, request.cookies)
         text = escape(say('Look without a login'))
         link = f'<p><a href="/">{text}</a></p>'
-        first = bool(self._access.first_code)
-        code = _FIRST.format(text=escape(say(_NO_USER)), code=escape(say('Code')))
+        if code := self._access.first_code:  # The terminal may no longer show the first line.
+            print(f'page: {first_user(code)}', file=sys.stderr, flush=True)
+        first = _FIRST.format(text=escape(say(_NO_USER)), code=escape(say('Code')))
         page = _PAGE.format(
             style=STYLE,
             login=LOGIN,
@@ -100,10 +107,10 @@ class _Forms:
             password=escape(say('Password')),
             said=escape(say(said)),
             token=token,
-            first=code if first else '',
-            focus='' if first else 'autofocus',
-            kind='new' if first else 'current',
-            button=escape(say('Make the user') if first else say('Log in')),
+            first=first if code else '',
+            focus='' if code else 'autofocus',
+            kind='new' if code else 'current',
+            button=escape(say('Make the user') if code else say('Log in')),
             look=link if self._access.site.open else '',
         )
         answer = HTMLResponse(page, status, {'Content-Security-Policy': PLAIN_POLICY})

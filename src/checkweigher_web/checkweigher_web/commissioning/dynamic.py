@@ -31,8 +31,9 @@ class DynamicStep(Step):
     title = Text('Dynamic')
     to_do = Text(
         'Run the belt at a speed, type the known mass, record, and let that product pass as often. '
-        'Do the same at each speed of production. Then train: the line goes on weighing meanwhile. '
-        'What was trained is used after "Take over" and the next start of the line.'
+        'Do the same at each speed of production, with masses from both ends of the range too if '
+        'these will be verified. Then train: the line goes on weighing meanwhile. What was trained '
+        'is used after "Take over" and the next start of the line.'
     )
 
     def _build(self) -> None:

@@ -20,7 +20,8 @@ class LimitsStep(Step):
     title = Text('Limits')
     to_do = Text(
         'Items below the lower or above the upper limit are rejected: gross mass, empty for no '
-        'limit. The next selection of a product sets the limits of its recipe instead.'
+        'limit. A line with recipes accepts nothing until a product is selected by "Product" on '
+        'the page of the lane, which sets the limits of its recipe instead.'
     )
 
     def _build(self) -> None:
@@ -35,7 +36,7 @@ class LimitsStep(Step):
         if now is None:
             return Standing(False, Text('the line has not said its limits yet'))
         if not (math.isfinite(now.lower) or math.isfinite(now.upper)):
-            return Standing(False, Text('no limits: everything is accepted'))
+            return Standing(False, Text('no limits'))
         return Standing(True, now.text)
 
     def _now(self) -> MassLimits | None:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Commissioning page: the steps, the present load, and the panel of one step."""
+"""Commissioning page: the steps, the present load, one step, and a simulated machine."""
 
 from collections.abc import Callable
 from functools import partial
@@ -13,6 +13,8 @@ from checkweigher_web.commissioning.step import Choice, Standing, Step
 from checkweigher_web.elements import STYLE, named, panel, show_told
 from checkweigher_web.languages.language import Language
 from checkweigher_web.languages.wording import in_words
+from checkweigher_web.technician.practice import PracticeView
+from checkweigher_web.views.view import Look
 from checkweigher_web.work.dialogs import Desk, reason_field, show_outcome
 from checkweigher_web.work.services import ActionRefusedError, LaneServices, Outcome
 
@@ -29,7 +31,7 @@ class CommissioningPath:
     until the next update, so that a double click does not also perform the new action.
     """
 
-    def __init__(self, desk: Desk, services: LaneServices) -> None:
+    def __init__(self, desk: Desk, services: LaneServices, look: Look) -> None:
         self._lane, self._say = desk.lane, desk.say
         say = desk.say
         ui.add_css(STYLE)
@@ -53,6 +55,8 @@ class CommissioningPath:
                     ui.label(say(kind.to_do))
                     self._steps.append(kind(desk, services, self._tell, self._given_reason))
                 self._panels.append(shown)
+            with panel(say(PracticeView.title), 'practice'):
+                self._practice = PracticeView(look)
             with ui.element('div').classes('foot'):
                 self._result = ui.label('').classes('result').props('role=status')
                 self._reason = reason_field(desk)
@@ -97,6 +101,7 @@ class CommissioningPath:
             standing = step.standing()
             tab.show(standing)
             show_told(label, standing.text, self._say)
+        self._practice.update()
         self._show_buttons()
 
     def _show_buttons(self) -> None:

@@ -16,8 +16,8 @@ class ZeroStep(Step):
 
     title = Text('Zero')
     to_do = Text(
-        'Stop the feed, clear the belt, and keep away from it until the bar above is full. Then '
-        'set the zero: masses are read from what the empty belt weighs.'
+        'Stop the feed, clear the belt, and keep away from it until the bar above no longer grows. '
+        'Then set the zero: masses are read from what the empty belt weighs.'
     )
 
     def _build(self) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 from nicegui import background_tasks, ui
 
 from checkweigher_core.parameters import ParameterError
+from checkweigher_core.records import LoadCell
 from checkweigher_recording.simulation.operation import OperationParameters
 from checkweigher_web.access.users import Role
 from checkweigher_web.lane import Lane
@@ -23,8 +24,9 @@ from checkweigher_web.work.services import ActionRefusedError, Outcome
 _MM, _PER_MINUTE = 1000.0, 60.0
 _REASON = 'practice'  # reason in the audit log
 _TEXT = Text(
-    'Make a fault, and find it on this page. A change takes up to two seconds. It holds until it '
-    'is taken back, or until the driver is started again. An empty field is as configured.'
+    'These are the switches of a machine that is simulated. Commission it with them; then make a '
+    'fault, and find it on this page. A change takes up to two seconds. It holds until it is taken '
+    'back, or until the driver is started again. An empty field is as configured.'
 )
 _FARTHEST = 60  # largest displacement of an eye in mm
 # Fields for numbers: parameter, label, unit, and factor from the parameter to the unit, or '' and 0
@@ -69,15 +71,16 @@ class PracticeView(View):
 
     def _build(self) -> None:
         self._now = OperationParameters()
+        self._cell: LoadCell | None = None
         with ui.element('div').classes('machine') as self._machine:
             ui.label(self.say(_TEXT)).classes('about')
             self._picture = ui.html('', sanitize=False)
+            self._feed = ui.switch(self.say('Products come'), on_change=self._set_feed)
             with ui.element('div').classes('form'):
                 self._numbers = {each[0]: self._number(*each) for each in _NUMBERS}
             with ui.element('div').classes('form'):
                 self._eyes = {name: _EyeControls(name, self._change, self.say) for name in _EYES}
             with ui.element('div').classes('in-a-row'):
-                self._feed = ui.switch(self.say('Products come'), on_change=self._set_feed)
                 label = self.say('Mass of one product')
                 self._put_mass = field(label, unit=self.say.unit).props('stack-label')
                 for text, click in (
@@ -94,8 +97,11 @@ class PracticeView(View):
         given.on_value_change(partial(self._set_number, name, factor or self.say.per_kg))
         return given
 
-    def _state(self) -> object:
-        return self.lane.load_cell  # A restarted driver resets the settings.
+    def update(self) -> None:
+        """Show the settings again after each start of the driver, which resets them."""
+        if self.lane.load_cell is not self._cell:  # The driver publishes its load cell anew.
+            self._cell = self.lane.load_cell
+            self._show()
 
     def _show(self) -> None:
         if self.look.practice is not None and is_simulated(self.lane):

@@ -77,8 +77,8 @@ class ItemView(View):
 
     def _draw(self, item: ShownItem) -> str:
         items = self.drawing.items()
-        before = items[items.index(item) :]
-        return json.dumps(reading(item, before, self.lane.statistics, self.say))
+        at = [row_key(each) for each in items].index(row_key(item))
+        return json.dumps(reading(item, items[at:], self.lane.statistics, self.say))
 
 
 def reading(

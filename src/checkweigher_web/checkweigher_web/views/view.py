@@ -62,7 +62,9 @@ class Look:
 
     def item(self) -> ShownItem | None:
         """Return the chosen item, or the latest of the selected items."""
-        items = self.items()
+        return self._item_of(self.items())
+
+    def _item_of(self, items: list[ShownItem]) -> ShownItem | None:
         latest = next(iter(items), None)
         if not self.chosen:
             return latest
@@ -98,7 +100,8 @@ class Look:
 
     def place(self) -> tuple[int, int]:
         """Return the place of the present item, from 1, and the number of the selected items."""
-        item, items = self.item(), self.items()
+        items = self.items()
+        item = self._item_of(items)
         return (0 if item is None else len(items) - items.index(item)), len(items)
 
     def nodes(self) -> list[Row]:

@@ -25,7 +25,6 @@ from checkweigher_web.work.performance import performance_test
 from checkweigher_web.work.reports import batch_reports
 from checkweigher_web.work.services import ActionRefusedError, LaneServices, Outcome
 from checkweigher_web.work.signing import sign_records
-from checkweigher_web.work.simulated_machine import operate
 
 _PERIOD = 1.0  # s
 _ZERO = Text('The next empty belt at rest becomes the zero. Stop the feed, and clear the belt.')
@@ -69,7 +68,7 @@ def work_menu(desk: Desk, look: Look) -> None:
     for label, open_dialog in look.work.items():
         if label not in _MAIN:
             entry = menu_entry(look.say(label), open_dialog)
-            if label == _SIMULATED:
+            if label == _PRACTICE:
                 entry.set_visibility(False)
                 ui.timer(_PERIOD, partial(_show_simulated, entry, desk.lane))
 
@@ -169,7 +168,11 @@ async def _commission(desk: Desk, services: LaneServices) -> None:
     ui.navigate.to(f'/commissioning/{desk.lane.name}')
 
 
-_KEEP, _NEW_BATCH, _SIMULATED = Text('Keep item'), Text('New batch'), Text('Simulated machine')
+async def _show_practice(desk: Desk, services: LaneServices) -> None:
+    ui.run_javascript('document.querySelector(".practice").scrollIntoView({block: "center"})')
+
+
+_KEEP, _NEW_BATCH, _PRACTICE = Text('Keep item'), Text('New batch'), Text('Practice')
 _MAIN = 'Start', 'Stop', 'Product', 'New batch', 'Zero'  # others are in the menu
 # Label, lowest role and function of each dialog. A new dialog is a function and a row here.
 _ACTIONS: tuple[tuple[Text, Role, _Begin], ...] = (
@@ -208,5 +211,5 @@ _ACTIONS: tuple[tuple[Text, Role, _Begin], ...] = (
     (Text('Commissioning'), Role.TECHNICIAN, _commission),
     (Text('Recipes'), Role.TECHNICIAN, recipes),
     (Text('Users'), Role.TECHNICIAN, users),
-    (_SIMULATED, Role.TECHNICIAN, operate),
+    (_PRACTICE, Role.TECHNICIAN, _show_practice),
 )

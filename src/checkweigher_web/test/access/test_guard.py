@@ -208,6 +208,8 @@ def test_the_first_user_is_made_by_the_code_that_the_page_has_printed(tmp_path: 
             browser.address += '0'
             assert make(**fields).status == 403
             assert not path.exists()
+        # The terminal shows the code again with each form.
+        assert f'with the code {code}' in page.stderr.readline()
         assert make(code=f' {code.upper()} ').headers['location'] == '/'
         assert 'ann, technician' in browser.ask('/').text
         assert read_users(path)['ann'].role == Role.TECHNICIAN

@@ -24,7 +24,7 @@ from checkweigher_core.records import (
 from checkweigher_core.records.reasons import Reason
 from checkweigher_web.charts import local_times, stamp_of
 from checkweigher_web.drawing import Drawing, row_key
-from checkweigher_web.lane import BeltNoise, Deed, Lane
+from checkweigher_web.lane import BeltNoise, Deed, Lane, ShownItem, Span
 from checkweigher_web.views.control_charts import MeansView, SpreadsView
 from checkweigher_web.views.hour import hour
 from checkweigher_web.views.item_list import rows_of
@@ -173,3 +173,16 @@ def test_arrows_lead_from_item_to_item_and_from_fault_to_fault():
         assert moved == (expected != 2 or step == -1)
         assert shown() == (expected if moved else 1)
     assert look.place() == (1, 6)
+
+
+def test_an_item_that_changes_meanwhile_has_a_place():
+    class Changing(Lane):
+        def items(self, span: Span | None = None) -> list[ShownItem]:
+            found = super().items(span)
+            verdict = found[0].verdict
+            self.take(replace(verdict, mass=verdict.mass + 0.001))
+            return found
+
+    lane = Changing('')
+    lane.take(judged(1, Decision.ACCEPT))
+    assert Look(Drawing(lane), span=(0, 10 * NANOSECONDS)).place() == (1, 1)

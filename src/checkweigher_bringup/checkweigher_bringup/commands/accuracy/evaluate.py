@@ -50,11 +50,7 @@ OPTIONS = (
         'causes of disturbance that are removed from the machines: transfer, bounce, rollers, ...',
         [],
     ),
-    (
-        '--mass G',
-        [float],
-        'machines: masses for tuning in g; default: the five masses of the test',
-    ),
+    ('--mass G', [float], 'machines: masses for tuning in g; default: the five masses of the test'),
     'tuning and weighing',
     ('--train BAG', [str], 'bags for tuning; the bags BAG are then for the test'),
     PARAMS,

@@ -20,11 +20,11 @@ OPTIONS = (
 def run(arguments: argparse.Namespace) -> int:
     """Restore the folder. Return 1 if the chain of its audit log is broken, otherwise 0."""
     from getpass import getuser
-    import hashlib
     import time
 
     from checkweigher_bringup.backup import print_log, restore_backup
     from checkweigher_core.changes import BACKUP
+    from checkweigher_core.input_files import sha256_of
     from checkweigher_core.records import utc
     from checkweigher_production.audit_log import AuditLog
     from checkweigher_production.audit_trail import CLAIMED
@@ -36,9 +36,7 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     if not print_log(path):
         return 1
-    with arguments.archive.open('rb') as file:
-        digest = hashlib.file_digest(file, 'sha256').hexdigest()
-    value = {'file': arguments.archive.name, 'sha256': digest}
+    value = {'file': arguments.archive.name, 'sha256': sha256_of(arguments.archive)}
     with AuditLog(path) as log:
         who = CLAIMED + (arguments.who or getuser())
         now = utc(time.time_ns())

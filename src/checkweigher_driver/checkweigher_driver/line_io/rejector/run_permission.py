@@ -5,7 +5,7 @@
 from checkweigher_core.records import NANOSECONDS, Permission, StopRequest
 from checkweigher_core.records.reasons import StopReason
 from checkweigher_core.ros.ports import FRESH_TIME
-from checkweigher_driver.line_io.rejector.missed_products import LatchEvent, MissedProducts
+from checkweigher_driver.line_io.rejector.missed_products import MissedProducts
 
 _PERMISSION_TIME = round(FRESH_TIME * NANOSECONDS)
 
@@ -29,7 +29,7 @@ class RunPermission:
         came, run = self._permission or (now, False)
         if now - came > _PERMISSION_TIME:
             self._permission, self._silent, run = None, True, False
-            self._missed.take(LatchEvent.FORGET)
+            self._missed.shown = False
         return run
 
     def take_permission(self, permission: Permission, now: int) -> None:
@@ -42,13 +42,14 @@ class RunPermission:
         self._end_silence()
         if request is None:
             self._asked = ''
-            self._missed.take(LatchEvent.RUN)
+            if self._missed.shown:
+                self._missed.clear()
         elif request.reason is StopReason.NOT_READY:  # the node reject was restarted
-            self._missed.take(LatchEvent.FORGET)
+            self._missed.shown = False
         elif request.reason is not StopReason.DRIVER_TROUBLE:
             self._asked = f'{request.reason}: {request.hint}'
         elif self._missed.text in request.hint:
-            self._missed.take(LatchEvent.SHOW)
+            self._missed.shown = True
 
     def _end_silence(self) -> None:
         """Latch the stop request from before a silence, because a restart has cancelled it."""

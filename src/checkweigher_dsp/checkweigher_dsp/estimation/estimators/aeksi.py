@@ -21,8 +21,7 @@ from checkweigher_dsp.estimation.estimators.aid import (
 )
 from checkweigher_dsp.estimation.estimators.base import Axis, PlotStyle
 from checkweigher_dsp.signal import Array
-from checkweigher_dsp.signal.extended_kalman import Noise, identify
-from checkweigher_dsp.signal.platform_poles import is_stable
+from checkweigher_dsp.signal.extended_kalman import Noise, identify, is_stable
 
 
 @dataclass(frozen=True)

@@ -46,8 +46,7 @@ from checkweigher_dsp.estimation.estimators.base import (
 from checkweigher_dsp.signal import Array
 from checkweigher_dsp.signal.autoregression import akaike_order, burg
 from checkweigher_dsp.signal.averages import hann_mean
-from checkweigher_dsp.signal.extended_kalman import Identification
-from checkweigher_dsp.signal.platform_poles import is_stable
+from checkweigher_dsp.signal.extended_kalman import Identification, is_stable
 
 LEAST_SAMPLES = 8  # least number of samples in a window
 # A Hann window of n taps attenuates by 3 dB at this multiple of f_s / (n + 1).

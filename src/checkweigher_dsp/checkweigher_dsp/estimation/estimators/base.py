@@ -129,35 +129,16 @@ class PlotStyle:
 
 
 class Estimator(ABC):
-    """Method that estimates the load in weigh windows.
+    """Method that estimates the load in weigh windows."""
 
-    Attributes
-    ----------
-    parameters : EstimatorParameters
-        Parameters. The attribute of the class contains the defaults.
-    needs_denoised : bool
-        Whether the estimator uses ``window.denoised`` instead of the raw signal.
-    package : str
-        Name of a Python package that package.xml omits because apt does not have it.
-    look : PlotStyle, optional
-        Style in reports. By default a style is chosen automatically.
-    axes : tuple of Axis
-        Axes that the command `tune` searches. They name lists of parameters, unless `learn` is
-        overridden.
-    folds : int
-        Number of folds of the cross-validation by `tune`, or 0 if the estimator does not learn from
-        passes.
-    fewest : int
-        Least number of passes to learn from.
-    """
-
-    parameters: EstimatorParameters
-    needs_denoised: ClassVar[bool] = False
-    package: ClassVar[str] = ''
-    look: ClassVar[PlotStyle | None] = None
+    parameters: EstimatorParameters  # The attribute of the class contains the defaults.
+    needs_denoised: ClassVar[bool] = False  # whether it uses the denoised instead of the raw signal
+    package: ClassVar[str] = ''  # Python package that package.xml omits because apt lacks it
+    look: ClassVar[PlotStyle | None] = None  # style in reports, by default chosen automatically
+    # Axes that the command `tune` searches. Unless `learn` is overridden, they are parameter lists.
     axes: ClassVar[tuple[Axis, ...]] = ()
-    folds: ClassVar[int] = 0
-    fewest: ClassVar[int] = 1
+    folds: ClassVar[int] = 0  # folds of the cross-validation by `tune`; 0: learns from no passes
+    fewest: ClassVar[int] = 1  # least number of passes to learn from
 
     def __init__(self, parameters: Any) -> None:
         self.parameters = parameters

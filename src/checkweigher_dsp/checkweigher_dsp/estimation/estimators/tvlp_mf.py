@@ -11,10 +11,10 @@ shorter than the element. The load is the mean of the last part of its output.
 
 from dataclasses import dataclass
 from functools import lru_cache, partial
-import math
 from typing import ClassVar
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from checkweigher_core.parameters import parameter
 from checkweigher_core.records import WeighWindow
@@ -98,9 +98,5 @@ def _close(signal: Array, element: int) -> Array:
 
 def _erode(signal: Array, element: int) -> Array:
     """Return the least of the samples of a signal, (n,), under the centred element."""
-    least, width = np.full(len(signal) + element - 1, math.inf), 1
-    least[element // 2 : element // 2 + len(signal)] = signal
-    while width < element:
-        step = min(width, element - width)
-        least, width = np.minimum(least[:-step], least[step:]), width + step
-    return least
+    padded = np.pad(signal, element // 2, 'edge')
+    return np.asarray(sliding_window_view(padded, element).min(axis=-1))

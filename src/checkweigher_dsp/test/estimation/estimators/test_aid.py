@@ -23,7 +23,7 @@ from checkweigher_dsp.estimation.estimators.aid import (
     prefilter_adaptively,
 )
 from checkweigher_dsp.signal.averages import hann_mean
-from checkweigher_dsp.signal.platform_poles import platform_poles
+from checkweigher_dsp.signal.extended_kalman import platform_poles
 
 ROUNDING = 1e-9
 PLATFORMS = [(22.0, 0.06), (38.0, 0.06), (60.0, 0.2)]  # Hz, damping ratio

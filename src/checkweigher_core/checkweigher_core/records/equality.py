@@ -1,0 +1,28 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Equality of records that contain NaN."""
+
+from dataclasses import fields
+import math
+from typing import Any
+
+
+class NanEqual:
+    """Base of dataclasses that are equal if all fields are equal, where NaN equals NaN.
+
+    From Python 3.13 on, the `==` of a dataclass compares field by field, so a record with a NaN
+    would differ from itself. The dataclass needs `eq=False`, which keeps this comparison.
+    """
+
+    __slots__ = ()
+
+    def __eq__(self, other: object) -> bool:
+        return _values(self) == _values(other) if type(other) is type(self) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(_values(self))
+
+
+def _values(record: Any) -> tuple[object, ...]:
+    values = (getattr(record, each.name) for each in fields(record) if each.compare)
+    return tuple('NaN' if isinstance(v, float) and math.isnan(v) else v for v in values)
