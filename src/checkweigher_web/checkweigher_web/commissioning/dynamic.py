@@ -14,7 +14,7 @@ from checkweigher_core.ros import ports
 from checkweigher_web.commissioning.accuracy import matrix_of
 from checkweigher_web.commissioning.step import Choice, Standing, Step
 from checkweigher_web.commissioning.wording import in_words
-from checkweigher_web.elements import Lines, Table
+from checkweigher_web.elements import Lines, Table, scrolled
 from checkweigher_web.words import grams
 from checkweigher_web.work.dialogs import field, number_in
 from checkweigher_web.work.services import ActionRefusedError
@@ -50,7 +50,7 @@ class DynamicStep(Step):
         self._bar.props('instant-feedback aria-label="part that is done"')
         self._recorded = ui.label('').classes('about')
         self._changes = Lines().classes('lines changes').props('aria-label="now and after"')
-        with ui.element('div').classes('accuracy').props('tabindex=0 aria-label="accuracy"'):
+        with scrolled('accuracy', 'accuracy'):
             self._accuracy = ui.element('div')
         self._show_table()
 

@@ -28,7 +28,7 @@ from checkweigher_web.commissioning.plan_form import (
 )
 from checkweigher_web.commissioning.step import Choice, Standing, Step
 from checkweigher_web.commissioning.wording import in_words
-from checkweigher_web.elements import Lines, Table, text_file_input
+from checkweigher_web.elements import Lines, Table, scrolled, text_file_input
 from checkweigher_web.work.dialogs import field
 from checkweigher_web.work.reports import VERIFICATION, list_reports
 from checkweigher_web.work.services import Outcome
@@ -70,7 +70,7 @@ class VerifyStep(Step):
         self._state = ui.label('').classes('state').props('role=status')
         self._lines = Lines().classes('read lines')
         self._lines.props('tabindex=0 aria-label="what came in this step, the latest first"')
-        with ui.element('div').classes('steps').props('tabindex=0 aria-label="steps"'):
+        with scrolled('steps', 'steps'):
             self._table = Table(('step', 'what to do, or the result'))
         self._reports = ui.element('ol').classes('reports').props('aria-label="reports"')
         self._show_text(EXAMPLE)

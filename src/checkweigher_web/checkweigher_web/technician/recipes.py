@@ -21,7 +21,7 @@ from checkweigher_production.recipes import (
     replace_recipes,
 )
 from checkweigher_web.access.users import Role
-from checkweigher_web.elements import ItemList, text_file_input
+from checkweigher_web.elements import ItemList, scrolled, text_file_input
 from checkweigher_web.work import actions
 from checkweigher_web.work.dialogs import Desk, Dialog, ask, field, number_in, reason_field
 from checkweigher_web.work.services import ActionRefusedError, LaneServices, Outcome
@@ -101,7 +101,7 @@ class RecipesDialog(Dialog):
         self._imported = ''
         with self.body:
             ui.label(_TEXT)
-            with ui.element('div').classes('choices').props('tabindex=0 aria-label="recipes"'):
+            with scrolled('choices', 'recipes'):
                 self._list = ItemList(_HEADS, self._choose, 'change recipe')
             with ui.element('div').classes('form'):
                 self._name = field('Product')

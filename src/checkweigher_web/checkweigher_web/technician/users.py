@@ -9,7 +9,7 @@ from nicegui import json, ui
 
 from checkweigher_web.access import users as accounts
 from checkweigher_web.access.users import ROLES, Role
-from checkweigher_web.elements import ItemList
+from checkweigher_web.elements import ItemList, scrolled
 from checkweigher_web.work import actions
 from checkweigher_web.work.dialogs import Desk, Dialog, ask, field, reason_field
 from checkweigher_web.work.services import ActionRefusedError, LaneServices
@@ -36,7 +36,7 @@ class UsersDialog(Dialog):
         self._desk, self._path = desk, desk.users.path
         with self.body:
             ui.label(_TEXT)
-            with ui.element('div').classes('choices').props('tabindex=0 aria-label="users"'):
+            with scrolled('choices', 'users'):
                 self._list = ItemList(_HEADS, self._choose, 'change user')
             self._name = field('Name')
             self._role = ui.select(list(ROLES), label='Role').props('outlined dense')

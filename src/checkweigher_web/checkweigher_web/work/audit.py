@@ -7,7 +7,7 @@ from pathlib import Path
 from nicegui import ui
 
 from checkweigher_web.access.users import Role
-from checkweigher_web.elements import Table
+from checkweigher_web.elements import Table, scrolled
 from checkweigher_web.work import actions
 from checkweigher_web.work.audit_view import HEADS, AuditView
 from checkweigher_web.work.dialogs import Desk, Dialog, field
@@ -35,7 +35,7 @@ class AuditDialog(Dialog):
             self._wanted = field('Filter: node, who, what, why')
             self._wanted.props('debounce=300').on_value_change(self.update)
             self._count = ui.label('').classes('about count').props('role=status')
-            with ui.element('div').classes('audit').props('tabindex=0 aria-label="entries"'):
+            with scrolled('audit', 'entries'):
                 self._rows = Table(HEADS)
         self.button('Read again', self.update)
 
