@@ -40,6 +40,11 @@ def panel(title: str, name: str = '') -> Element:
     return panel
 
 
+def scrolled(name: str, label: str) -> Element:
+    """Add a part with the CSS class `name` that keys can scroll, and return it."""
+    return named(ui.element('div').classes(name).props('role=group tabindex=0'), label)
+
+
 def heading(text: str) -> Element:
     """Add the main heading of a page."""
     label = ui.label(text).classes('title')

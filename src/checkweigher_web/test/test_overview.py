@@ -10,6 +10,7 @@ import re
 import signal
 import socket
 
+from axe import check_accessibility
 from browsers import check_all_widths, errors_of, needs_browser, shortcomings, text_of, until
 import pytest
 from running import ROOT, start_command
@@ -104,6 +105,7 @@ def test_a_row_leads_to_its_lane_and_back(browser: Chrome, port: int):
 def test_everything_can_be_seen_at_any_width(browser: Chrome, port: int):
     open_overview(browser, port)
     check_all_widths(browser)
+    check_accessibility(browser)
     assert all(all(row) for row in lanes_of(browser))
 
 

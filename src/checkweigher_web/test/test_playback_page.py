@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
+from axe import check_accessibility
 from browsers import check_all_widths, errors_of, needs_browser, rows_of, text_of, until
 from lines import edges_of, saturated_at, simulated, without_edges
 import pytest
@@ -133,6 +134,7 @@ def test_everything_can_be_seen_and_has_a_name_at_any_width(page: Chrome):
     press(page, 'previous fault')
     until(page, lambda: text_of(page, '.marks'))
     check_all_widths(page)
+    check_accessibility(page)
     assert errors_of(page) == []
 
 

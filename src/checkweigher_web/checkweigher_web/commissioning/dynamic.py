@@ -11,7 +11,7 @@ from nicegui import ui
 from checkweigher_core.ros import ports
 from checkweigher_web.commissioning.accuracy import matrix_of
 from checkweigher_web.commissioning.step import Choice, Standing, Step
-from checkweigher_web.elements import Lines, Table, named, show_told
+from checkweigher_web.elements import Lines, Table, named, scrolled, show_told
 from checkweigher_web.languages.language import Mass, Text
 from checkweigher_web.languages.wording import in_words
 from checkweigher_web.work.dialogs import field, mass_in, number_in
@@ -48,8 +48,7 @@ class DynamicStep(Step):
         named(self._bar.props('instant-feedback'), self.say('part that is done'))
         self._recorded = ui.label('').classes('about')
         self._changes = named(Lines().classes('lines changes'), self.say('now and after'))
-        accuracy = ui.element('div').classes('accuracy').props('tabindex=0')
-        with named(accuracy, self.say('accuracy')):
+        with scrolled('accuracy', self.say('accuracy')):
             self._accuracy = ui.element('div')
         self._show_table()
 

@@ -27,7 +27,15 @@ from checkweigher_web.commissioning.plan_form import (
     with_value,
 )
 from checkweigher_web.commissioning.step import Choice, Standing, Step
-from checkweigher_web.elements import Lines, Table, named, show_told, text_file_input, told
+from checkweigher_web.elements import (
+    Lines,
+    Table,
+    named,
+    scrolled,
+    show_told,
+    text_file_input,
+    told,
+)
 from checkweigher_web.languages.language import Text
 from checkweigher_web.languages.wording import from_node, in_words
 from checkweigher_web.work.dialogs import field
@@ -72,8 +80,7 @@ class VerifyStep(Step):
         self._state = ui.label('').classes('state').props('role=status')
         self._lines = Lines().classes('read lines')
         named(self._lines.props('tabindex=0'), say('what came in this step, the latest first'))
-        steps = ui.element('div').classes('steps').props('tabindex=0')
-        with named(steps, say('steps')):
+        with scrolled('steps', say('steps')):
             self._table = Table((say('step'), say('what to do, or the result')))
         self._reports = ui.element('ol').classes('reports')
         named(self._reports, say('reports'))

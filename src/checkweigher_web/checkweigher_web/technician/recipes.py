@@ -20,7 +20,7 @@ from checkweigher_production.recipes import (
     replace_recipes,
 )
 from checkweigher_web.access.users import Role
-from checkweigher_web.elements import ItemList, named, text_file_input
+from checkweigher_web.elements import ItemList, scrolled, text_file_input
 from checkweigher_web.languages.language import ENGLISH, Language, Text
 from checkweigher_web.work import actions
 from checkweigher_web.work.dialogs import Desk, Dialog, ask, field, number_in, reason_field
@@ -110,8 +110,7 @@ class RecipesDialog(Dialog):
         self._imported = ''
         with self.body:
             ui.label(say(_TEXT))
-            choices = ui.element('div').classes('choices').props('tabindex=0')
-            with named(choices, say('recipes')):
+            with scrolled('choices', say('recipes')):
                 self._list = ItemList(map(say, _HEADS), self._choose, say('change recipe'))
             with ui.element('div').classes('form'):
                 self._name = field(say('Product'))

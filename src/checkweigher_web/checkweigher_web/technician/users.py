@@ -9,7 +9,7 @@ from nicegui import json, ui
 
 from checkweigher_web.access import users as accounts
 from checkweigher_web.access.users import ROLES, Role
-from checkweigher_web.elements import ItemList, named
+from checkweigher_web.elements import ItemList, scrolled
 from checkweigher_web.languages.language import Text
 from checkweigher_web.work import actions
 from checkweigher_web.work.dialogs import Desk, Dialog, ask, field, reason_field
@@ -38,8 +38,7 @@ class UsersDialog(Dialog):
         self._desk, self._path = desk, desk.users.path
         with self.body:
             ui.label(say(_TEXT))
-            choices = ui.element('div').classes('choices').props('tabindex=0')
-            with named(choices, say('users')):
+            with scrolled('choices', say('users')):
                 self._list = ItemList(map(say, _HEADS), self._choose, say('change user'))
             self._name = field(say('Name'))
             roles = {role: say(role) for role in ROLES}

@@ -7,7 +7,7 @@ from pathlib import Path
 from nicegui import ui
 
 from checkweigher_web.access.users import Role
-from checkweigher_web.elements import Table, named, show_told
+from checkweigher_web.elements import Table, scrolled, show_told
 from checkweigher_web.languages.language import Text
 from checkweigher_web.work import actions
 from checkweigher_web.work.audit_view import HEADS, AuditView
@@ -36,8 +36,7 @@ class AuditDialog(Dialog):
             self._wanted = field(self.say('Filter: node, who, what, why'))
             self._wanted.props('debounce=300').on_value_change(self.update)
             self._count = ui.label('').classes('about count').props('role=status')
-            entries = ui.element('div').classes('audit').props('tabindex=0')
-            with named(entries, self.say('entries')):
+            with scrolled('audit', self.say('entries')):
                 self._rows = Table(map(self.say, HEADS))
         self.button(Text('Read again'), self.update)
 
