@@ -113,8 +113,11 @@ def check_ros2(arguments: list[str]) -> None:
         case ['launch', 'checkweigher_bringup', 'line.launch.py', *given]:
             for argument in given:
                 assert f"\n    '{argument.partition(':=')[0]}': " in LAUNCH, argument
-        case ['topic', 'echo', name]:
-            assert name[1:] in {port.name for port in (*ports.ALL, ports.DYNAMIC_SETTING)}
+        case ['topic', 'echo', name, kind]:
+            known = (*ports.ALL, ports.DYNAMIC_SETTING)
+            assert kind in {
+                p.message_type for p in known if name in (f'/{p.name}', f'/lane1/{p.name}')
+            }
         case ['param', 'set', _, name, _]:
             assert name in PARAMETERS
         case ['lifecycle', 'set', node, 'configure' | 'activate']:
