@@ -200,10 +200,10 @@ def test_a_long_line_needs_no_more_memory_than_a_short_one():
 
     tracemalloc.start()
     try:
-        short, long = held(1000), held(12_000)
+        short, long = held(1000), held(6000)
     finally:
         tracemalloc.stop()
-    # A second of the signal is held; the 125 s in between would be 480 kB. Caches of the libraries
+    # A second of the signal is held; the 57 s in between would be 220 kB. Caches of the libraries
     # may still grow by some tens of kB.
     assert long < short + 100_000
 

@@ -136,7 +136,9 @@ class TestWhatIsLearned:
         masses = np.array([each.mass for each in weigh_passes(fast.passes, BASE)])
         assert speed.held_out_index == index(masses - fast.masses, fast.masses)
 
-    @pytest.mark.parametrize('name', ['tvlpf', 'iswd_eksi', 'aid'])
+    @pytest.mark.parametrize(
+        'name', ['tvlpf', 'aid', pytest.param('iswd_eksi', marks=pytest.mark.soak)]
+    )
     def test_a_larger_budget_is_no_worse_and_a_fair_one_is_better(self, name):
         soft = simulated(count=15, profile='soft')
         found = [

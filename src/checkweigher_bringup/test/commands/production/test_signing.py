@@ -4,15 +4,14 @@
 
 from dataclasses import replace
 import hashlib
+from io import StringIO
 from pathlib import Path
 import shutil
 import subprocess
-import sys
 
 from here import run_here
 from made_machine import write_machine
 import pytest
-from running import ROOT
 
 from checkweigher_production.audit_log import AuditLog, head_path, read_log
 from checkweigher_recording.bags.results import mcap_digest
@@ -96,9 +95,9 @@ def sign(
     what: Path | tuple[object, ...], who: str, meaning: str, users: Path, password: str
 ) -> subprocess.CompletedProcess[str]:
     given = what if isinstance(what, tuple) else (what,)
-    words = ('sign', *given, '--meaning', meaning, '--who', who, '--users', users)
-    command = [sys.executable, '-m', 'checkweigher_bringup.cli', *map(str, words)]
-    return subprocess.run(command, input=f'{password}\n', capture_output=True, text=True, cwd=ROOT)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr('sys.stdin', StringIO(f'{password}\n'))
+        return run_here('sign', *given, '--meaning', meaning, '--who', who, '--users', users)
 
 
 def check(folder: Path) -> tuple[int, str]:
