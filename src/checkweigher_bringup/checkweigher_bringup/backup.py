@@ -141,19 +141,24 @@ def restore_backup(archive: Path, folder: Path) -> int:
             raise UserError(f'{archive}: is not a backup, or is damaged: {error}') from None
         if not ((place / _SUMS).is_file() and (place / _FOLDER).is_dir()):
             raise UserError(f'{archive}: is not a backup of a machine')
-        lines = (place / _SUMS).read_text(encoding='utf-8', errors='replace').splitlines()
-        sums = {name: digest for digest, _, name in (line.partition('  ') for line in lines)}
-        files = (path for path in (place / _FOLDER).rglob('*') if path.is_file())
-        found = {str(path.relative_to(place)): sha256_of(path) for path in files}
-        for name in sorted(found.keys() | sums.keys()):
-            if found.get(name) != sums.get(name):
-                raise UserError(f'{archive}: {name}: is not as it was saved')
+        if changed := _changed_file(place):
+            raise UserError(f'{archive}: {changed}: is not as it was saved')
         os.sync()
         os.replace(place / _FOLDER, folder)
     finally:
         shutil.rmtree(place)
     sync_folder(folder.parent)
-    return len(found)
+    return sum(path.is_file() for path in folder.rglob('*'))
+
+
+def _changed_file(place: Path) -> str:
+    """Return the first file whose SHA-256 in an unpacked backup is not the stated one, or ''."""
+    lines = (place / _SUMS).read_text(encoding='utf-8', errors='replace').splitlines()
+    sums = {name: digest for digest, _, name in (line.partition('  ') for line in lines)}
+    files = (path for path in (place / _FOLDER).rglob('*') if path.is_file())
+    found = {str(path.relative_to(place)): sha256_of(path) for path in files}
+    names = sorted(found.keys() | sums.keys())
+    return next((name for name in names if found.get(name) != sums.get(name)), '')
 
 
 def print_log(log: Path) -> bool:

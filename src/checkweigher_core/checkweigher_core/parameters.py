@@ -232,17 +232,26 @@ def by_node(
             raise SettingsError(f'addresses none of {", ".join([*sets, *other_nodes])}', address)
         if str(address) in ignored:
             continue
-        for name, value in flatten(values).items():
-            if name == 'use_sim_time' or name.startswith('qos_overrides.'):
-                continue  # parameters that rclpy gives to nodes
-            if node == _ALL and not any(name in names for names in known.values()):
-                why = f'none of {", ".join(known)} has a parameter {name}'
-                raise SettingsError(why, address, 'ros__parameters', *name.split('.'))
-            given[node][name] = value
+        given[node] |= _own_values(values, address, known if node == _ALL else {})
     return {
         node: {name: value for name, value in given[_ALL].items() if name in names} | given[node]
         for node, names in known.items()
     }
+
+
+def _own_values(
+    values: Mapping[str, Any], address: object, known: Mapping[str, Collection[str]]
+) -> dict[str, Any]:
+    """Return values by full name. If nodes are `known`, one of them must have each parameter."""
+    found = {}
+    for name, value in flatten(values).items():
+        if name == 'use_sim_time' or name.startswith('qos_overrides.'):
+            continue  # parameters that rclpy gives to nodes
+        if known and not any(name in names for names in known.values()):
+            why = f'none of {", ".join(known)} has a parameter {name}'
+            raise SettingsError(why, address, 'ros__parameters', *name.split('.'))
+        found[name] = value
+    return found
 
 
 def check_sections(sections: object) -> dict[Any, dict[str, Any]]:

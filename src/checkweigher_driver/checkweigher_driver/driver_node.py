@@ -206,10 +206,8 @@ class DriverNode(ManagedStageNode[DriverParameters]):
     def _check_machine(self) -> None:
         self.stream.report_trouble(self._outputs.trouble_with(self._machine_trouble()))
 
-    def _reset_outputs(self, request: Any, response: Any) -> Any:
-        response.success = True
-        response.message = self._outputs.reset() or 'nothing was missed'
-        return response
+    def _reset_outputs(self, request: Any, response: Any) -> str:
+        return self._outputs.reset() or 'nothing was missed'
 
     def _restart_stream(self) -> str:
         """Begin a new stream with a new calibration; return the reason of a failure, or ''."""

@@ -3,7 +3,7 @@
 """Payloads and topics of Sparkplug B 3.0.
 
 The payload is the message Payload in sparkplug_b.proto of Eclipse Tahu. Its descriptor is built
-here without data sets, templates and properties, which the gateway does not use.
+here with the fields that the gateway uses.
 """
 
 from collections.abc import Mapping
@@ -18,21 +18,13 @@ BD_SEQ, REBIRTH = 'bdSeq', 'Node Control/Rebirth'
 NUMBERS = 256  # seq and bdSeq count modulo this number
 
 _OPTIONAL, _REPEATED = 1, 3
-_DOUBLE, _UINT64, _BOOL, _STRING, _MESSAGE, _BYTES, _UINT32, _FLOAT = 1, 4, 8, 9, 11, 12, 13, 2
-_PAYLOAD = (
-    ('timestamp', 1, _UINT64),
-    ('metrics', 2, _MESSAGE),
-    ('seq', 3, _UINT64),
-    ('uuid', 4, _STRING),
-    ('body', 5, _BYTES),
-)
+_DOUBLE, _UINT64, _BOOL, _STRING, _MESSAGE, _UINT32, _FLOAT = 1, 4, 8, 9, 11, 13, 2
+_PAYLOAD = (('timestamp', 1, _UINT64), ('metrics', 2, _MESSAGE), ('seq', 3, _UINT64))
 _METRIC = (
     ('name', 1, _STRING),
-    ('alias', 2, _UINT64),
     ('timestamp', 3, _UINT64),
     ('datatype', 4, _UINT32),
     ('is_historical', 5, _BOOL),
-    ('is_transient', 6, _BOOL),
     ('is_null', 7, _BOOL),
 )
 _VALUES = (

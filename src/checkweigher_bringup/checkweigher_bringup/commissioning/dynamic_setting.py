@@ -29,7 +29,6 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from checkweigher_bringup.commissioning.machine_folder import own_folder
-from checkweigher_bringup.commissioning.service_call import answering
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.spinning import memory_file
 from checkweigher_core.changes import TUNED
@@ -98,7 +97,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         self._publisher = self.create_publisher(port.type, port.name, port.qos)
         self.create_action(RecordPasses, ports.RECORD_PASSES, self._record, self._end)
         self.create_action(TunePasses, ports.TUNE_PASSES, self._tune, self._end)
-        begin = answering(self._begin_recording_by_service)
+        begin = self._begin_recording_by_service
         self.create_service(RecordPassesService, ports.RECORD_PASSES, begin)
         for name, callback in (
             (ports.TUNE_PASSES, self._begin_training_by_service),
@@ -107,7 +106,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
             (ports.RESTART_LINE, self._restart),
             (ports.ACCEPT_TUNED, self._accept),
         ):
-            self.create_service(Trigger, name, answering(callback))
+            self.create_service(Trigger, name, callback)
         self._timer = self.create_timer(_POLL_PERIOD, self._poll, autostart=False)
         self._publish_state(DynamicSetting.IDLE, self._waiting() if self._learned.exists() else '')
 

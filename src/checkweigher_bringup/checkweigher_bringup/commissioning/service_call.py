@@ -1,8 +1,8 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Services that answer with a message, and calls of such services from other threads."""
+"""Calls of services that answer with a message, from threads without an executor."""
 
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 import json
 import threading
@@ -18,25 +18,6 @@ from checkweigher_core.ros import ports
 from checkweigher_core.ros.services import VERIFIER, VERIFY
 
 _PATIENCE = 5.0  # longest wait in s for the service that writes to the audit log
-
-
-def answering(callback: Callable[[Any, Any], str | Awaitable[str]]) -> Callable[[Any, Any], Any]:
-    """Return a service callback that sets `success` and `message` of the response.
-
-    The function or coroutine function `callback` is called with the request and the response. It
-    returns the message, or raises `UserError` with the reason of a refusal.
-    """
-
-    async def answer(request: Any, response: Any) -> Any:
-        try:
-            found = callback(request, response)
-            response.message = found if isinstance(found, str) else await found
-            response.success = True
-        except UserError as error:
-            response.message = str(error)
-        return response
-
-    return answer
 
 
 def call(node: Any, kind: Any, name: str, patience: float, request: Any = None) -> str:

@@ -23,7 +23,6 @@ from std_srvs.srv import Trigger
 
 from checkweigher_bringup.commissioning.identity import Identity
 from checkweigher_bringup.commissioning.machine_folder import own_folder
-from checkweigher_bringup.commissioning.service_call import answering
 from checkweigher_bringup.commissioning.verification import note_result, report_on
 from checkweigher_bringup.commissioning.verification_guide import BrokenOffError, procedure_on_line
 from checkweigher_bringup.errors import UserError
@@ -188,7 +187,7 @@ class VerifierNode(StageNode[VerifierParameters]):
             (AnswerVerification, ports.ANSWER_VERIFICATION, self._answer),
             (Trigger, ports.CANCEL_VERIFICATION, self._cancel_by_service),
         ):
-            self.create_service(kind, name, answering(callback))
+            self.create_service(kind, name, callback)
 
     def start(self) -> None:
         """Publish the folder of the plans and verifications."""

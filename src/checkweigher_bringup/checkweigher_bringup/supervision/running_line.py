@@ -46,6 +46,8 @@ BESIDE = {
     'batch_reporter': 'checkweigher_bringup.batch_reporter',
 }
 _PAGE = 'page'
+_PAGE_COMMAND = (sys.executable, '-m', 'checkweigher_bringup.cli', 'page')
+_GATEWAY_COMMAND = (sys.executable, '-m', 'checkweigher_gateways.gateway')
 _SILENT = ('batch_reporter', _PAGE)  # processes that publish no diagnostics
 _NOT_NEEDED = {*BESIDE, _PAGE, *GATEWAYS}
 
@@ -71,11 +73,11 @@ def run_line(
     with asked_to_end() as asked, memory_file() as first, memory_file() as last:
         files = _parameter_files(first, params, last, namespace, driver, folder)
         modules = {**(ports.NODES if apart else {'line': _MODULE}), **(BESIDE if folder else {})}
-        commands = {
-            **_node_commands(modules, files, namespace),
-            **_page_commands(page, namespace, folder),
-            **_gateway_commands(gateways, namespace),
+        commands: dict[str, Command] = {
+            name: partial(_with_files, module, namespace, files) for name, module in modules.items()
         }
+        commands |= _page_commands(page, namespace, folder)
+        commands |= _gateway_commands(gateways, namespace)
         processes = _processes(commands)
         with spinning(namespace, RUN) as spinner, closing(ItemTable()) as table:
             node = EchoNode(RUN)
@@ -182,34 +184,24 @@ def _processes(commands: Mapping[str, Command]) -> dict[str, SupervisedProcess]:
     }
 
 
-def _node_commands(
-    modules: Mapping[str, str], files: Callable[[], list[Path]], namespace: str
-) -> dict[str, Command]:
-    def command(module: str) -> list[str]:
-        return node_command(module, namespace, *files())
-
-    return {name: partial(command, module) for name, module in modules.items()}
-
-
 def _page_commands(
     options: Sequence[str] | None, namespace: str, folder: MachineFolder | None
 ) -> dict[str, Command]:
-    if options is None:
-        return {}
-
-    words = [sys.executable, '-m', 'checkweigher_bringup.cli', 'page', *options]
-    words += ['--namespace', namespace]
-    if folder is not None:
-        words += ['--keep', str(folder.path / 'kept')]
-    return {_PAGE: partial(list, words)}
+    kept = [] if folder is None else ['--keep', str(folder.path / 'kept')]
+    words = [*_PAGE_COMMAND, *(options or ()), '--namespace', namespace, *kept]
+    return {} if options is None else {_PAGE: partial(list, words)}
 
 
 def _gateway_commands(file: Path | None, namespace: str) -> dict[str, Command]:
     """Return a command for each section of a gateway settings file."""
     lane = ['--settings', str(file), '--namespace', namespace]
-    start = [sys.executable, '-m', 'checkweigher_gateways.gateway']
     kinds = [] if file is None else read_gateways(file).kinds
-    return {f'gateway_{kind}': partial(list, [*start, kind, *lane]) for kind in kinds}
+    return {f'gateway_{kind}': partial(list, [*_GATEWAY_COMMAND, kind, *lane]) for kind in kinds}
+
+
+def _with_files(module: str, namespace: str, files: Callable[[], list[Path]]) -> list[str]:
+    """Return the command of a module with the parameter files at the time of its start."""
+    return node_command(module, namespace, *files())
 
 
 def _supervise(

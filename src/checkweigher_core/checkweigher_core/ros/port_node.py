@@ -127,14 +127,23 @@ class PortNode(Node):
     ):
         """Create a service. If its callback fails, the client gets an empty response.
 
-        The parameter services of rclpy, which raise an exception for a value of an unknown type,
-        are created here, too.
+        A callback that returns a text sets `success` and `message` of the response. It raises
+        ValueError with the message of a refusal. The parameter services of rclpy, which raise an
+        exception for a value of an unknown type, are created here, too.
         """
         own = locked(callback)
 
         async def answer(request: Any, response: Any) -> Any:
-            result = own(request, response)
-            answered = await result if inspect.iscoroutine(result) else result
+            try:
+                result = own(request, response)
+                answered = await result if inspect.iscoroutine(result) else result
+            except ValueError as error:
+                if not hasattr(response, 'message'):
+                    raise
+                response.message = str(error)
+                return response
+            if isinstance(answered, str):
+                response.success, response.message, answered = True, answered, response
             serialize_message(answered)  # an invalid field raises an exception here
             return answered
 

@@ -41,8 +41,6 @@ _SILENCE = 5.0
 # Fields of StaticCalibration and of the response of finish_calibration.
 _FITTED = ('counts_per_kg', 'counts_per_kg_uncertainty', 'zero_counts', 'zero_uncertainty')
 
-_Answer = tuple[bool, str, StaticReading | None]  # success, message and reading of a load
-
 
 class CalibrationServices:
     """Action that reads loads at rest, and services that fit a calibration and write its file.
@@ -111,19 +109,19 @@ class CalibrationServices:
             self._edges[event.eye] = event
         else:
             self._stamp = event.stamp
-        session = self._session
-        if session is None or self._waiting is None:
+        session, waiting = self._session, self._waiting
+        if session is None or waiting is None:
             return
         reading = session.reading
         try:
             found = session.add(event, time.monotonic())
         except CalibrationError as error:
             self._refuse(str(error))
-        else:
-            self._publish_progress(session.load_cell, reading)
-            if found is not None:
-                text = f'reading {found.mean:.1f} +- {found.std_error:.1f}'
-                self._answer((True, f'{text}; {len(session.points)} read by now', found))
+            return
+        self._publish_progress(session.load_cell, reading)
+        if found is not None:
+            self._waiting = None
+            waiting.set_result(found)
 
     def _publish_progress(self, cell: LoadCell, reading: RestReading | None) -> None:
         """Publish the reading of the latest samples if it is new."""
@@ -157,61 +155,52 @@ class CalibrationServices:
         mass, uncertainty = float(goal.mass), float(goal.mass_uncertainty)
         if not mass >= 0:
             raise CalibrationError(f'mass {mass:g} kg: must be above 0, or 0 for the empty belt')
-        success, text, found = await self._read(mass, uncertainty, tell)
-        if not success or found is None:
-            raise CalibrationError(text)
-        result.message, result.reading, result.std_error = text, found.mean, found.std_error
+        result.message = await self._read(mass, uncertainty, result, tell)
         result.points = 0 if self._session is None else len(self._session.points)
 
-    async def _on_zero(self, request: Any, response: Any) -> Any:
+    async def _on_zero(self, request: Any, response: Any) -> str:
         self._node.warn_of(ports.CALIBRATE_ZERO, ports.READ_LOAD)
-        response.success, response.message, _ = await self._read(0.0, 0.0)
-        return response
+        return await self._read(0.0, 0.0)
 
-    async def _on_span(self, request: Any, response: Any) -> Any:
+    async def _on_span(self, request: Any, response: Any) -> str:
         self._node.warn_of(ports.CALIBRATE_SPAN, ports.READ_LOAD)
         if not request.mass > 0:
-            response.message = f'mass {request.mass:g} kg: must be above 0'
-            return response
-        response.success, response.message, found = await self._read(
-            float(request.mass), float(request.mass_uncertainty)
-        )
-        if found is not None:
-            response.reading, response.std_error = found.mean, found.std_error
-        return response
+            raise CalibrationError(f'mass {request.mass:g} kg: must be above 0')
+        return await self._read(float(request.mass), float(request.mass_uncertainty), response)
 
     async def _read(
-        self, mass: float, uncertainty: float, tell: Callable[..., None] | None = None
-    ) -> _Answer:
+        self,
+        mass: float,
+        uncertainty: float,
+        result: Any = None,
+        tell: Callable[..., None] | None = None,
+    ) -> str:
+        """Read a load into `result`, and return a message. Raises ValueError if that fails."""
         try:
             session, _ = self._checked()
             session.begin(mass, uncertainty, self._edges.values())
+            waiting = self._waiting = Future()
+            self._tell, self._told = tell, None
+            # Without this call, a result that another thread sets would not wake the executor.
+            waiting.add_done_callback(lambda _: self._node.executor.wake())
+            patience = self._parameters.patience + _SILENCE
+            found: StaticReading | None = await in_time(self._node, self._group, waiting, patience)
+            if found is None:
+                self._waiting = session.reading = None
+                raise CalibrationError('no samples arrive; check cable and power of the load cell')
         except ValueError as error:
-            return self._refused(str(error))
-        self._waiting, self._tell, self._told = Future(), tell, None
-        # Without this call, a result that another thread sets would not wake the executor.
-        self._waiting.add_done_callback(lambda _: self._node.executor.wake())
-        patience = self._parameters.patience + _SILENCE
-        answer: _Answer | None = await in_time(self._node, self._group, self._waiting, patience)
-        if answer is None:
-            self._waiting = None
-            session.reading = None
-            return self._refused('no samples arrive; check cable and power of the load cell')
-        return answer
+            self._node.warn(f'calibration: {error}')
+            raise
+        if result is not None:
+            result.reading, result.std_error = found.mean, found.std_error
+        text = f'reading {found.mean:.1f} +- {found.std_error:.1f}'
+        return f'{text}; {len(session.points)} read by now'
 
     def _refuse(self, text: str) -> None:
         """Refuse the call that waits for a reading, if there is one."""
-        if self._waiting is not None:
-            self._answer(self._refused(text))
-
-    def _refused(self, text: str) -> _Answer:
-        self._node.warn(f'calibration: {text}')
-        return False, text, None
-
-    def _answer(self, answer: _Answer) -> None:
         waiting, self._waiting = self._waiting, None
         if waiting is not None:
-            waiting.set_result(answer)
+            waiting.set_exception(CalibrationError(text))
 
     def _cancel_reading(self) -> None:
         """End the reading of a load. The points are kept."""
@@ -219,18 +208,14 @@ class CalibrationServices:
             self._session.reading = None
         self._refuse('cancelled')
 
-    def _on_cancel(self, request: Any, response: Any) -> Any:
+    def _on_cancel(self, request: Any, response: Any) -> str:
         session = self._session
         self._refuse('cancelled')
         if session is not None:
             self._session = CalibrationSession(session.load_cell, self._parameters.steadiness)
-        points = 0 if session is None else len(session.points)
-        response.success, response.message = True, f'{points} readings discarded'
-        return response
+        return f'{0 if session is None else len(session.points)} readings discarded'
 
-    async def _on_finish(
-        self, request: FinishCalibration.Request, response: FinishCalibration.Response
-    ) -> FinishCalibration.Response:
+    async def _on_finish(self, request: Any, response: Any) -> str:
         for name in _FITTED:
             setattr(response, name, math.nan)
         try:
@@ -239,21 +224,18 @@ class CalibrationServices:
             found = session.finish(residual, edges, self._stamp, time.monotonic())
             version = await self._write(session, path, found)
         except ValueError as error:
-            response.message = str(error)
             self._node.warn(f'calibration: {error}')
-            return response
+            raise
         for name in _FITTED:
             setattr(response, name, float(getattr(found, name)))
         response.masses = [float(point.mass) for point in session.points]
         response.residuals = [float(residual) for residual in found.residuals]
-        response.success = True
         response.file, response.version = str(path), version
-        trouble = self._restart()
-        response.message = f'{_change(session.load_cell, found)}; version {version} of {path}' + (
-            f'; but the driver cannot restart: {trouble}' if trouble else ''
-        )
-        self._node.get_logger().info(f'calibration: {response.message}')
-        return response
+        text = f'{_change(session.load_cell, found)}; version {version} of {path}'
+        if trouble := self._restart():
+            text += f'; but the driver cannot restart: {trouble}'
+        self._node.get_logger().info(f'calibration: {text}')
+        return text
 
     async def _write(
         self, session: CalibrationSession, path: Path, found: StaticCalibration

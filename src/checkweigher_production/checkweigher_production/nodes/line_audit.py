@@ -95,15 +95,14 @@ class LineAudit:
         """Return the person who calls a service or, if no person is announced, the node `node`."""
         return self._authors.of(service, f'{self._namespace}/{node}', time.monotonic())
 
-    def on_change(self, request: Any, response: Any) -> Any:
+    def on_change(self, request: Any, response: Any) -> str:
         """Write the change that another node is about to make, as the callback of a service."""
         try:
             self._write(request, json.loads(request.new_value))
-            response.success = True
-        except (AuditError, ValueError, RecursionError) as error:
-            response.message = str(error)
+        except (ValueError, RecursionError) as error:
             self._warn(f'{request.subject}: {request.kind}: not written down, so refused: {error}')
-        return response
+            raise ValueError(str(error)) from None
+        return ''
 
     def _write(self, request: Any, value: Any) -> None:
         kind, subject = request.kind, request.subject

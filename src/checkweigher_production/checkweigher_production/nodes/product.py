@@ -153,42 +153,39 @@ class ProductNode(StageNode[ProductParameters]):
     def _time(self) -> str:
         return utc(self._stamp())
 
-    async def _answer(self, response: Any, work: Awaitable[Any], failed: str) -> Any:
-        """Await the work of a service, and return the response with its result.
+    async def _answer(self, response: Any, work: Awaitable[Any], failed: str) -> str:
+        """Await the work of a service, and return the message of its response.
 
         `work` returns the statistics of a finished batch, a message, or None. If it fails, a
         warning is logged that begins with `failed`.
         """
         try:
             made = await work
-            response.success = True
-        except (AuditError, RefusedError, ValueError) as error:
-            response.message = str(error)
+        except (RefusedError, ValueError) as error:
             self.warn(f'{failed}: {error}')
-            return response
+            raise ValueError(str(error)) from None
         if isinstance(made, str):
-            response.message = made
-            return response
+            return made
         if isinstance(made, Statistics):
             response.finished = to_message(ports.STATISTICS, made)
         self._publish()
-        return response
+        return ''
 
-    async def _on_select(self, request: Any, response: Any) -> Any:
+    async def _on_select(self, request: Any, response: Any) -> str:
         self._add_started()
         work = self._selection.select(request.product, self._audit.author_of(ports.SELECT_PRODUCT))
         return await self._answer(response, work, f'product {request.product!r} was not selected')
 
-    async def _on_new_batch(self, request: Any, response: Any) -> Any:
+    async def _on_new_batch(self, request: Any, response: Any) -> str:
         name = str(request.batch).strip()
         work = self._selection.begin_batch(name, self._audit.author_of(ports.NEW_BATCH))
         return await self._answer(response, work, 'no new batch')
 
-    async def _on_reset(self, request: Any, response: Any) -> Any:
+    async def _on_reset(self, request: Any, response: Any) -> str:
         work = self._selection.reset_counts(self._audit.author_of(ports.RESET_STATISTICS))
         return await self._answer(response, work, 'statistics')
 
-    async def _on_begin_test(self, request: Any, response: Any) -> Any:
+    async def _on_begin_test(self, request: Any, response: Any) -> str:
         begin_or_cancel = self._test.cancel if request.cancel else self._test.begin
         author = self._audit.claimed_by(ports.BEGIN_TEST, request.who, request.reason)
         return await self._answer(response, begin_or_cancel(author), 'performance test')
@@ -234,10 +231,8 @@ class ProductNode(StageNode[ProductParameters]):
         self._audit.add_started(started)
         self._alarms.add_started(started)
 
-    def _on_acknowledge(self, request: Any, response: Any) -> Any:
-        author = self._audit.author_of(ports.ACKNOWLEDGE_ALARMS)
-        response.success, response.message = True, self._alarms.acknowledge(author)
-        return response
+    def _on_acknowledge(self, request: Any, response: Any) -> str:
+        return self._alarms.acknowledge(self._audit.author_of(ports.ACKNOWLEDGE_ALARMS))
 
     def _on_stop_request(self, request: StopRequest | None) -> None:
         self._alarms.set_stop(request)

@@ -56,8 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _check_log(arguments: argparse.Namespace) -> int:
     """Print the changes in one log. Return 1 if there is a fault, otherwise 0."""
     from checkweigher_production.audit_log import read_log
-    from checkweigher_production.audit_seal import hold_to_seals, public_key, sealing, seals_path
-    from checkweigher_production.audit_words import conclusion, steps_back
+    from checkweigher_production.audit_seal import hold_to_seals, public_key, seals_path
 
     found = read_log(arguments.log, _noted_hash(arguments.hash))
     seals_file = arguments.seals or seals_path(arguments.log)
@@ -67,16 +66,23 @@ def _check_log(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(json.dumps(_as_json(found, seals), indent=2))
     else:
-        # Only a terminal needs shortened values.
-        widest = _WIDEST if sys.stdout.isatty() else None
-        lines = [*_table(found.entries, widest), *steps_back(found.entries), conclusion(found)]
-        print('\n'.join(lines))
-        if seals and found.whole:
-            print(sealing(seals, found.entries))
+        print('\n'.join(_lines(found, seals)))
     if found.whole and arguments.seal:
         seal = _seal(arguments, found, seals_file)
         print(f'sealed: seal {seal.number}, through entry {seal.entries}', file=sys.stderr)
     return 0 if found.whole else 1
+
+
+def _lines(found: 'Verification', seals: 'Sequence[Seal]') -> Iterator[str]:
+    from checkweigher_production.audit_seal import sealing
+    from checkweigher_production.audit_words import conclusion, steps_back
+
+    # Only a terminal needs shortened values.
+    yield from _table(found.entries, _WIDEST if sys.stdout.isatty() else None)
+    yield from steps_back(found.entries)
+    yield conclusion(found)
+    if seals and found.whole:
+        yield sealing(seals, found.entries)
 
 
 def _check_folder(arguments: argparse.Namespace) -> int:
