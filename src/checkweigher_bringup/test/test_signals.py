@@ -110,7 +110,6 @@ def problem(name: str, number: int, tried: Tried) -> str:
         ('run', signal.SIGHUP, 2),  # as of a terminal that is closed
         ('tune', signal.SIGKILL, 4),  # with what loky has beside its workers
         ('tune', signal.SIGINT, 4),
-        ('evaluate', signal.SIGINT, 4),
     ],
 )
 def test_every_process_ends_with_its_command(

@@ -92,8 +92,8 @@ def test_a_line_that_is_difficult(name: str, estimator: str, length_known: bool)
 @pytest.mark.parametrize(
     ('estimator', 'count'),
     [
-        ('mean', 250),
-        ('iswd_eksi', 50),
+        ('mean', 100),
+        ('iswd_eksi', 30),
         pytest.param('mean', 18_000, marks=pytest.mark.soak),
         pytest.param('iswd_eksi', 2_000, marks=pytest.mark.soak),
     ],

@@ -96,7 +96,7 @@ def campaign(
 
 
 def test_no_wrong_mass_is_accepted_where_samples_are_off():
-    shifts = (-60, -15, -5, -2, -1, 1, 2, 5, 15, 60)
+    shifts = (-60, -5, -1, 2, 15)  # `make soak` tries all
     campaign(['paper_30', 'paper_90'], ['iswd_eksi'], shifts, [0.0, 0.5])
 
 

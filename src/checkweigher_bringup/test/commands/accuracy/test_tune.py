@@ -246,7 +246,7 @@ class TestEvaluation:
         outputs = [each for kind, path in files.items() for each in (f'--{kind}', path)]
         done = checkweigher(
             'evaluate', '--protocol', 'machines', '--count', 1, '--seed', 3, '--passes', 6,
-            '--further', 20, '--mass', 100, 200, '--estimator', 'mean', '--jobs', 1, *outputs,
+            '--further', 10, '--mass', 100, 200, '--estimator', 'mean', '--jobs', 1, *outputs,
         )  # fmt: skip
         assert 'attainable A, g' in done.stdout
         rows = read_rows(files['csv'])

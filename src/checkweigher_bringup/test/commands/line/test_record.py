@@ -48,7 +48,7 @@ def started(*arguments: object) -> Iterator[subprocess.Popen[str]]:
         process.communicate()
 
 
-@pytest.mark.parametrize('processes', [False, True])
+@pytest.mark.parametrize('processes', [False, pytest.param(True, marks=pytest.mark.soak)])
 def test_a_recording_of_a_replay_is_whole(bag: Path, rows: Rows, tmp_path: Path, processes: bool):
     flags = ['--processes'] if processes else []
     with started('record', '--output', tmp_path / 'bag', '--namespace', 'taped') as recorder:

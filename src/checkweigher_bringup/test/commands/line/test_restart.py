@@ -123,7 +123,7 @@ class Operator:
             assert verdict.batch_below_tu1 <= 0.025 * verdict.batch_accepted
 
 
-@pytest.mark.parametrize('rounds', [2, pytest.param(300, marks=pytest.mark.soak)])
+@pytest.mark.parametrize('rounds', [1, pytest.param(300, marks=pytest.mark.soak)])
 def test_a_line_that_is_killed_goes_on_with_product_batch_counts_and_limits(
     tmp_path: Path, rounds: int
 ):

@@ -14,7 +14,7 @@ from checkweigher_web.access.users import Role, read_users
 
 
 def test_users_that_are_added_at_the_same_time_are_all_there(tmp_path: Path):
-    path, names = tmp_path / 'users', [f'user{number}' for number in range(4)]
+    path, names = tmp_path / 'users', [f'user{number}' for number in range(2)]
     words = '--role', 'viewer', '--users', path
     with ThreadPoolExecutor(len(names)) as pool:
         calls = [
