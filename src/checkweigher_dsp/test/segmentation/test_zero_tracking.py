@@ -173,17 +173,6 @@ def test_after_a_jump_no_drift_is_known():
     assert tracker.update(201.0, _counts()).counts == pytest.approx(jumped.counts)
 
 
-def test_the_gain_of_the_load_cell_does_not_matter():
-    plain, scaled = (
-        ZeroTracker(9 * gain, 2 * gain, 0.5 * gain, RATE, drift=0.3 * gain) for gain in (1.0, 100.0)
-    )
-    for time, counts in ((0.0, _counts(10, 12, 14)), (1.0, _counts(30, 31)), (2.0, _counts())):
-        zero, hundredfold = plain.update(time, counts), scaled.update(time, 100 * counts)
-
-        assert hundredfold.counts == pytest.approx(100 * zero.counts, rel=1e-12)
-        assert hundredfold.std_dev == pytest.approx(100 * zero.std_dev, rel=1e-12)
-
-
 def test_the_zero_is_corrected_no_faster_than_the_rate():
     tracker = ZeroTracker(0.0, 1e3, 0.0, RATE, ZeroLimits(rate=2.0))
     tracker.update(0.0, _counts(0, 0, 0, 0))  # the first one is no tracking
