@@ -4,6 +4,10 @@
 // Colours are names of CSS variables, so that each browser draws them in its own theme.
 import { echarts } from "nicegui-echart";
 
+// Colours of the CSS variables by the classes of the body, which select the theme. They are looked
+// up once, because each look makes the browser compute the styles of the page.
+const known = {};
+
 export default {
   template: "<div></div>",
   props: { text: String, linked: Boolean },
@@ -33,7 +37,7 @@ export default {
     draw() {
       if (!this.$el.clientWidth) return; // ECharts needs a size at the start.
       this.shown = this.text;
-      const colours = {}, colour = name => (colours[name] ??= this.colour(name));
+      const colour = name => this.colour(name);
       if (this.theme !== colour("--card")) {
         this.theme = colour("--card");
         this.chart?.dispose();
@@ -85,11 +89,13 @@ export default {
     },
     // Colour of a CSS variable in the present theme.
     colour(name) {
+      const colours = (known[document.body.className] ??= {});
+      if (colours[name]) return colours[name];
       const probe = this.$el.appendChild(document.createElement("i"));
       probe.style.color = `var(${name})`;
       const found = getComputedStyle(probe).color;
       probe.remove();
-      return found;
+      return (colours[name] = found);
     },
   },
 };
