@@ -24,7 +24,7 @@ from checkweigher_validation.protocol.machines_protocol import (
 )
 
 PICTURE = Path(__file__).with_name('coverage.png')
-MACHINES = (71001, 71002, 71003, 71004)
+MACHINES = (46311, 46312, 46313, 46314, 46315, 46316)
 FURTHER = 60  # passes for the attainable accuracy, which the picture does not show
 TRAININGS = {'20 passes of 164.5 g': (20, (0.1645,)), '120 passes of five masses': (120, MASSES)}
 
