@@ -20,7 +20,7 @@ from checkweigher_recording.bags.definitions import BagError
 from checkweigher_recording.bags.reading import over_stretches
 from checkweigher_validation.accuracy.passes import KnownPass, group_by_speed, passes_by_cut
 from checkweigher_validation.jobs import run_jobs
-from checkweigher_validation.tuning.choice import candidates, choose, with_untrained
+from checkweigher_validation.tuning.choice import CANDIDATES, choose, with_untrained
 from checkweigher_validation.tuning.parameter_file import accuracy_lines, parameter_file
 from checkweigher_validation.tuning.stated_lag import stated_lag, unchecked
 from checkweigher_validation.tuning.tuner import tune
@@ -152,11 +152,11 @@ def train(
     """Tune estimators on the passes of known mass in bags, and write a parameter file.
 
     The file contains the tuned parameters and the changed parameters of `base`, and selects the
-    first estimator. If `estimators` is None, all candidates for this number of passes are tuned,
-    and compared with each other and with `base` on held-out passes. The file then contains only the
-    best one, or the estimator of `base` without tuning. `budget` is the largest number of
-    evaluations of each estimator at each speed. `n_jobs` is the number of processes, as in
-    `run_jobs`. Returns the number of bags that were skipped.
+    first estimator. If `estimators` is None, all candidates are tuned, and compared with each other
+    and with `base` on held-out passes. The file then contains only the best one, or the estimator
+    of `base` without tuning. `budget` is the largest number of evaluations of each estimator at
+    each speed. `n_jobs` is the number of processes, as in `run_jobs`. Returns the number of bags
+    that were skipped.
     """
     before = base
     as_untrained = base.segmenter if estimators is None else None
@@ -164,8 +164,7 @@ def train(
     groups = group_by_speed(read.passes)
     base = replace(base, segmenter=stated_lag(read.passes, base.segmenter))
     if estimators is None:
-        names = candidates(groups)
-        compared = tune(groups, names, base, budget=budget, n_jobs=n_jobs, skip_failing=True)
+        compared = tune(groups, CANDIDATES, base, budget=budget, n_jobs=n_jobs, skip_failing=True)
         compared = with_untrained(compared, group_by_speed(read.untrained), before)
         chosen, reason = choose(compared)
         best = {chosen: compared[chosen]}

@@ -24,7 +24,7 @@ from checkweigher_validation.accuracy.passes import (
 )
 from checkweigher_validation.jobs import run_jobs
 from checkweigher_validation.protocol.attainable import attainable_errors
-from checkweigher_validation.tuning.choice import candidates, choose, with_untrained
+from checkweigher_validation.tuning.choice import CANDIDATES, choose, with_untrained
 from checkweigher_validation.tuning.search import BUDGET
 from checkweigher_validation.tuning.stated_lag import unchecked
 from checkweigher_validation.tuning.tuner import UNTRAINED, Tuned, tune
@@ -135,7 +135,7 @@ def evaluate_machines(
         runs = [next(found) for _ in protocol.speeds]
         groups = [SpeedGroup(run.speed, whole_passes(run.train)) for run in runs]
         tuned = tune(groups, estimators, base, budget=budget, n_jobs=n_jobs)
-        compared = {name: tuned[name] for name in candidates(groups) if name in tuned}
+        compared = {name: tuned[name] for name in CANDIDATES if name in tuned}
         default = [SpeedGroup(run.speed, whole_passes(run.train_untrained)) for run in runs]
         chosen, _ = choose(with_untrained(compared, default, base))
         results.append(_weigh(machine, runs, tuned, chosen, base, n_jobs))

@@ -17,23 +17,13 @@ from checkweigher_validation.accuracy.passes import SpeedGroup
 from checkweigher_validation.tuning.calibration import folds, index
 from checkweigher_validation.tuning.tuner import UNTRAINED, Tuned, untrained
 
-# Estimators with at most one searched coefficient. A search of more coefficients would overfit few
-# passes.
-_FEW_NUMBERS = ('mean', 'hann', 'fir_model', 'learned')
-_FEW_PASSES = 60  # number of passes of a speed below which only these estimators are candidates
-# Estimators that many passes can determine. All others are for comparisons only. They take most of
-# the time, and `learned` has a smaller A on random machines; see docs/accuracy.md.
-_MANY_NUMBERS = ('iswd_eksi',)
+# Estimators with at most one searched coefficient, which few passes can determine. The search of
+# the others takes minutes, and `learned` has a smaller A on random machines; see docs/accuracy.md.
+CANDIDATES = ('mean', 'hann', 'fir_model', 'learned')
 # Largest increase of ln A that is negligible. Between sets of 100 passes, A varies by more.
 _NEGLIGIBLE = math.log(1.05)
 _BLOCKS = 20  # number of blocks of passes for the jackknife
 _LEAST = 1e-12  # smallest A in kg, to avoid the logarithm of 0
-
-
-def candidates(groups: Sequence[SpeedGroup]) -> tuple[str, ...]:
-    """Return the estimators for which there are enough passes at each speed."""
-    few = min((len(group.passes) for group in groups), default=0) < _FEW_PASSES
-    return _FEW_NUMBERS if few else (*_FEW_NUMBERS, *_MANY_NUMBERS)
 
 
 def with_untrained(

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from checkweigher_dsp.pipeline.line import LineParameters
-from checkweigher_validation.accuracy.passes import KnownPass, SpeedGroup
 from checkweigher_validation.tuning.calibration import Calibration, Uncertainty
-from checkweigher_validation.tuning.choice import candidates, choose
+from checkweigher_validation.tuning.choice import choose
 from checkweigher_validation.tuning.tuner import Tuned, TunedSpeed
 
 PASSES = 100
@@ -92,14 +91,6 @@ def test_the_default_stays_unless_another_is_clearly_better(noise, factor, chose
     # 20 passes tell standard deviations apart by some 20 %.
     found = [tuned('untrained', noise[0][:20]), tuned('learned', factor * noise[1][:20])]
     assert choose(dict(found))[0] == chosen
-
-
-@pytest.mark.parametrize(('count', 'few'), [(59, True), (60, False)])
-def test_few_passes_determine_few_numbers_only(count, few):
-    passes = (KnownPass(None, 0.1),) * 60
-    groups = [SpeedGroup(1.0, passes), SpeedGroup(2.0, passes[:count])]
-    many = set() if few else {'iswd_eksi'}
-    assert {*candidates(groups)} == {'mean', 'hann', 'fir_model', 'learned', *many}
 
 
 def test_one_alone_is_chosen(noise):
