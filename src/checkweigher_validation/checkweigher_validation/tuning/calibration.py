@@ -109,8 +109,8 @@ def uncertainty(errors: NDArray[np.float64], masses: NDArray[np.float64]) -> Unc
 
     The variance is the maximum-likelihood estimate for the expected value of the share that is
     proportional to mass**2. The prior of the share is exponential, with a mean of 0.4. This mean is
-    used if all passes have one mass, from which nothing can be learned about other masses. With
-    this prior, the intervals hold at all masses of the simulated machines. The uncertainty is
+    used if all passes have one mass, from which nothing can be learned about other masses; the
+    intervals of much lighter products may then be too narrow (docs/accuracy.md). The uncertainty is
     increased by the ratio of the 97.5 % quantiles of Student's t and the normal distribution,
     because the standard deviation of few errors is itself uncertain. [own derivation]
     """
