@@ -55,7 +55,9 @@ def test_a_recording_waits_for_a_segmenter_names_it_and_ends_when_it_is_told_to(
 def test_a_recording_that_is_not_held_back_is_sent_as_a_whole_without_a_line(line, monkeypatch):
     monkeypatch.setattr(source_stream, '_PATIENCE', 0.05)
     _, sent, warned = line(lossless=False)
-    wait_for(lambda: getattr(sent[-1][1], 'state', None) == StreamState.FINISHED, 'the end')
+    wait_for(
+        lambda: sent and getattr(sent[-1][1], 'state', None) == StreamState.FINISHED, 'the end'
+    )
     status = sent[-1][1]
     events = [record for _, record in sent]
     assert status.edges == sum(isinstance(event, EyeEdge) for event in events) == 8
