@@ -140,3 +140,8 @@ def test_what_is_old_is_grey_and_says_since_when(browser: Chrome, tmp_path: Path
             os.kill(process, ending)
             if process == silent:  # the launch restarts the process
                 until(browser, lambda: not note())
+        page.kill()
+        page.wait()
+        until(browser, note)
+        with served('--port', str(port)):  # the browser finds the new server by itself
+            until(browser, lambda: not note() and text_of(browser, '.mass').endswith(' g'))
