@@ -26,6 +26,8 @@ for (const e of document.querySelectorAll(names)) {
 }
 return found;
 """
+# Without its font, an icon is a long word for a moment.
+_FONTS_ARE_LOADED = 'const [done] = arguments; document.fonts.ready.then(() => done(true))'
 
 
 class Reader(Technician):
@@ -103,6 +105,7 @@ def test_each_page_fits_in_each_language(tmp_path: Path):
                 for width in WIDTHS:
                     browser.set_window_size(width, 900)
                     ben.until(lambda w=width: browser.execute_script('return innerWidth') == w)
+                    browser.execute_async_script(_FONTS_ARE_LOADED)
                     found = browser.execute_script(_TOO_WIDE)
                     too_wide += [f'{name} {place} {width} px: {each}' for each in found]
                 close()
