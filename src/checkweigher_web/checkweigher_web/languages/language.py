@@ -95,7 +95,8 @@ class Language:
         """Return the text for a number with its unit, or a dash for NaN. `sign` '+' adds a plus."""
         if not math.isfinite(value):
             return '–'
-        return f'{value:{sign}.{digits}f}'.replace('.', self.point) + unit
+        shown = round(value, digits) + 0.0  # Adding zero turns -0.0 into 0.0.
+        return f'{shown:{sign}.{digits}f}'.replace('.', self.point) + unit
 
     def entry(self, value: float) -> str:
         """Return the shortest text for a number with 9 significant digits, as in a field."""

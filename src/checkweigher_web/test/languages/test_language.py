@@ -34,6 +34,7 @@ def test_a_mass_is_in_the_unit_and_with_the_decimal_mark_of_the_viewer(
 ):
     assert language(name, unit).mass(1.2345) == shown
     assert language(name, unit).mass(math.nan) == '–'
+    assert not language(name, unit).mass(-1e-9).startswith('-')
 
 
 def test_a_text_is_english_in_the_log_and_translated_on_the_page():
