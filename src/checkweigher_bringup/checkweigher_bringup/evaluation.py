@@ -250,7 +250,11 @@ def _sets(train: list[KnownPass], test: list[KnownPass]) -> list[PassSet]:
 def _by_speed(
     part: str, passes: list[KnownPass], groups: Sequence[SpeedGroup]
 ) -> Iterator[PassSet]:
-    """Yield the passes of each speed. A pass with a fault has the speed of the pass before it."""
+    """Yield the passes of each speed.
+
+    A pass with faults is grouped with the last pass without faults before it, or with the first one
+    after it if there is none before. If all passes have faults, they are in the slowest group.
+    """
     speeds = {id(each): group.speed for group in groups for each in group.passes}
     chosen: dict[float, list[KnownPass]] = {group.speed: [] for group in groups}
     speed = next((speeds[id(each)] for each in passes if each.whole), groups[0].speed)

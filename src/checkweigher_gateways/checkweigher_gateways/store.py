@@ -88,7 +88,7 @@ class Store:
         )
 
     def have_sent(self, number: int) -> None:
-        """Mark the items up to a number as sent, and delete all but the latest sent items."""
+        """Mark the items up to a number as sent, and delete all of them but the latest `_KNOWN`."""
         self._database.execute('UPDATE items SET sent = 1 WHERE sent = 0 AND number <= ?', [number])
         self._database.execute(
             'DELETE FROM items WHERE sent = 1 AND number <= ?', [number - _KNOWN]

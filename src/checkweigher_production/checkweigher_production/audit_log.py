@@ -149,7 +149,8 @@ def verify(data: bytes, head: bytes, known_hash: str = '') -> Verification:
             raise _FaultError(
                 chain.line,
                 'cut',
-                f'no entry has the hash {known_hash}: the hash was noted from another log',
+                f'no entry has the hash {known_hash}: the log was cut or rewritten, or the hash '
+                'is mistyped or of another log',
             )
     except _FaultError as fault:
         return Verification(tuple(chain.entries), *fault.args)

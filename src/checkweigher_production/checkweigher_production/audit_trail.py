@@ -33,8 +33,7 @@ class Authors:
     A service request has no field for the name of a person. Therefore the page or a gateway
     announces the person before a call, and withdraws the announcement after it. The audit log names
     this person for all changes that the service makes in between. An announcement expires after
-    `patience` s.
-    In all methods, `now` is the time in s.
+    `patience` s. In all methods, `now` is the time in s.
     """
 
     def __init__(self, patience: float) -> None:

@@ -42,7 +42,7 @@ class _DeviceParameters(Parameters):
             raise ParameterError(f'{self.node}.host: empty, must be the host name of the device')
 
     def link(self) -> ModbusLink:
-        """Return a link to the device, which is not connected yet."""
+        """Return an unconnected link to the device."""
         return ModbusLink(self.host, self.port, self.device_id, self.timeout)
 
 
@@ -77,8 +77,8 @@ class ModbusEyesParameters(_DeviceParameters):
             raise ParameterError(f'modbus.outfeed: {self.outfeed} is the address of both eyes')
         if abs(self.infeed - self.outfeed) >= _MAX_INPUTS:
             raise ParameterError(
-                f'modbus.outfeed: {self.outfeed} is {_MAX_INPUTS} or more addresses from infeed '
-                f'{self.infeed}; one request cannot read both'
+                f'modbus.outfeed: {self.outfeed} is too far from infeed {self.infeed} for one '
+                f'request; choose addresses that differ by at most {_MAX_INPUTS - 1}'
             )
         if self.poll_period / 2 > self.max_uncertainty:
             raise ParameterError(

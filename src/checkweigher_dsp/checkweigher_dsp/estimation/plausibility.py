@@ -20,7 +20,8 @@ If the converter works, the filtered signal e and the readings have four propert
   windows. More of them show that the signal repeatedly reaches a limit of the converter.
 
 Rounding hides noise below 0.3 counts. With such noise, or without an empty belt, only the steps are
-checked. A converter without any noise is not checked.
+checked. If a quarter of the samples of e are 0, the noise is too small to be measured, and nothing
+is checked.
 """
 
 from functools import lru_cache, reduce
@@ -69,7 +70,7 @@ def is_plausible(window: WeighWindow) -> bool:
         return True
     typical = float(np.sort(np.abs(known))[len(known) // 4] / _QUARTILE) ** 2
     if not typical:
-        return True  # A converter without noise is not checked.
+        return True  # The noise is too small to be measured.
     load = abs(float(window.counts[begin:end].mean()) - window.zero) / step
     explained = _impact(load, window.belt_speed, begin - entry, end - entry, len(loaded))
     if np.any(np.abs(loaded) > np.hypot(_STEP * math.sqrt(max(typical, _ROUNDING)), explained)):
@@ -89,7 +90,8 @@ def _impact(load: float, speed: float, entered: int, leaves: int, count: int) ->
     `load` is in counts and `speed` in m/s. `entered` and `leaves` are t2 and t3 in samples from t1.
     """
     largest = np.full(count, _STRIKE * speed * load * _STEP_GAIN)
-    # The slope of the load changes where the load begins to rise, is complete, and begins to fall.
+    # The slope of the load changes at t1, where the load begins to rise, at t2, where it is
+    # complete, and at t3, where it begins to fall.
     for corner in (0, entered, leaves):
         near = slice(max(corner - 2 * _EDGE, 0), corner + _EDGE)
         largest[near] += load / max(entered, 1) * _SLOPE_GAIN

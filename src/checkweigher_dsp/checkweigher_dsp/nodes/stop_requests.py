@@ -29,9 +29,9 @@ _NOT_READY = StopRequest(StopReason.NOT_READY, 0)
 class StopRequests:
     """Output of the stop request of a monitor, and the service that resets the request.
 
-    A node that is not `active` requests a stop. `driver` is the input for the driver status. The
-    function `update` is called after each check of the reasons, and must call `show`. The function
-    `shown` is called after each published change of the request.
+    While `active` is false, the node requests a stop. `driver` is the input for the driver status.
+    The function `update` is called after each check of the reasons, and must call `show`. The
+    function `shown` is called after each published change of the request.
     """
 
     def __init__(

@@ -82,8 +82,8 @@ class Inspections:
         self._signals: deque[_Signal] = deque(maxlen=_MAX_SIGNALS)
         # Latest verdicts of this stream, which are final, with the passages of the items.
         self.judged: deque[tuple[Verdict, Passage | None]] = deque(maxlen=_MAX_JUDGED)
-        # Periods in which not all devices ran, which begin before the first report. The last one
-        # may not have ended.
+        # Periods in which not all devices ran. The devices count as not running before the first
+        # report. The last period may not have ended.
         self._outages = deque([Span(-_EVER, _EVER)], maxlen=_MAX_OUTAGES)
 
     def look(self, conditions: MachineConditions, stamp: int, *, heard: bool) -> None:

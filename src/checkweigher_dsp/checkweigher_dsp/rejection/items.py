@@ -80,9 +80,10 @@ class PendingItems:
     def unannounced(self, stamp: int, after: int) -> PendingItem | None:
         """Return a new item that no segmenter has announced, or None if no number is free.
 
-        The number is the next free one after `after`, the largest number when the item left. Only
-        numbers below the next multiple of `NUMBERS_AT_ONCE` are free, because a restarted segmenter
-        continues there. No number is free before the first announcement.
+        `after` is the largest item number when the outfeed edge arrived. The new item gets the next
+        free number after it. Only numbers below the next multiple of `NUMBERS_AT_ONCE` are free,
+        because a restarted segmenter continues there. No number is free before the first
+        announcement.
         """
         number = after + 1
         while self.has_verdict(number) or number in self.pending:

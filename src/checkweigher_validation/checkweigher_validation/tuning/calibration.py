@@ -16,7 +16,7 @@ from checkweigher_validation.accuracy.errors import overall_index
 # Masses with fewer passes are combined, because their standard deviations are too uncertain.
 _FEWEST_OF_A_MASS = 5
 _FEWEST_FOR_OFFSET = 6  # smallest number of passes to fit gain and offset
-_DISTINCT_MASSES = 1.2  # smallest ratio of the heaviest to the lightest mass to fit an offset
+_DISTINCT_MASSES = 1.2  # masses are distinct above this ratio of the heaviest to the lightest
 _FOLDS = 5
 _PRIOR = 1.2  # rate of the exponential prior of the share, whose mean on [0, 1] is then 0.4
 

@@ -49,9 +49,9 @@ def search(
 ) -> tuple[Values, float]:
     """Search for the values with the smallest badness.
 
-    First, the start and points of a Latin hypercube are evaluated. Simplex searches (Nelder and
-    Mead) then start from the best points that are not close to each other. The rest of the budget
-    is used for simplex searches from the best point of all.
+    The search first evaluates the start values and the points of a Latin hypercube. It then runs
+    simplex searches (Nelder and Mead) from the best points that are not close to each other. The
+    rest of the budget is used for simplex searches from the best point of all.
 
     Parameters
     ----------

@@ -219,8 +219,8 @@ def write_users(path: Path, users: dict[str, User]) -> None:
 def changing_users(path: Path) -> Iterator[None]:
     """Lock a users file during a block that reads and writes it.
 
-    The folder of `default_users` is created if necessary. Raises `OutputError` if the folder of
-    another file does not exist.
+    Creates the folder of the file if it is missing and `path` is `default_users()`. Raises
+    `OutputError` if the folder of another file does not exist.
     """
     try:
         if path == default_users():

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""View of a simulated machine, on which a technician makes faults to practise."""
+"""View of a simulated machine, in which a technician causes faults and practises finding them."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -196,7 +196,7 @@ async def batch_folder(services: LaneServices) -> Path:
 
 
 async def audit_log(services: LaneServices) -> Path:
-    """Return the path of the audit log of a lane, or raise `ActionRefusedError` without a log."""
+    """Return the path of a lane's audit log, or raise `ActionRefusedError` if there is none."""
     missing = Text(
         'the node product writes no audit log: set its parameter audit_log, or run the line with '
         '--folder'

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Estimator AEKSI, which combines the adaptive prefilter of AID with an extended Kalman filter.
+"""AEKSI estimator: the adaptive prefilter of AID and an extended Kalman filter.
 
 The paper on ISWD-EKSI compares its results with AEKSI, but does not describe the algorithm. This
 implementation is a reconstruction from AID and ISWD-EKSI.

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-r"""Estimator AID, a least-squares identification with a prefilter that adapts to the window.
+r"""AID estimator: a least-squares identification with a prefilter that adapts to the window.
 
 This is a reconstruction from the abstract of Niedzwiecki, Meller, Pietrzak, System identification
 based approach to dynamic weighing revisited, Mechanical Systems and Signal Processing 80 (2016).

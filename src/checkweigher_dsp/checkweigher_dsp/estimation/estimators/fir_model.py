@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-r"""Estimator FIR model, a weighted sum of the samples with weights learned from known masses.
+r"""FIR model estimator: a weighted sum of the samples with weights learned from known masses.
 
 This is a reconstruction from the abstract of Niedzwiecki, Meller, Pietrzak, System identification
 based approach to dynamic weighing revisited, Mechanical Systems and Signal Processing 80 (2016),

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-r"""Estimator Gauss-Markov, the minimum-variance unbiased estimate by a model of the machine.
+r"""Gauss-Markov estimator: the minimum-variance unbiased estimate by a model of the machine.
 
 The signal of a pass is a known shape times the mass, plus other motion of the belt:
 

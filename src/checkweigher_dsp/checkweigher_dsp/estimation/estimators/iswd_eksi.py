@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Estimator ISWD-EKSI, an extended Kalman identification of the denoised window."""
+"""ISWD-EKSI estimator: an extended Kalman identification of the denoised window."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

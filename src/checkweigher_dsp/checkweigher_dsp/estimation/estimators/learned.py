@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-r"""Estimator Learned, a weighted sum of the pass with weights learned without a machine model.
+r"""Estimator `learned`: a weighted sum of the pass with weights learned without a machine model.
 
 .. math:: m = \sum_j w_j y_j,\quad w = C^{-1} s / (s' C^{-1} s)
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-r"""Estimator LMS notch, an adaptive notch filter followed by trimmed means.
+r"""LMS notch estimator: an adaptive notch filter, a moving average, and a trimmed mean.
 
 This is a reconstruction from the abstract of a paper on checkweighers in the Chinese Journal of
 Scientific Instrument 40 (7), 2019: a notch filter adapted by least mean squares (LMS) with a

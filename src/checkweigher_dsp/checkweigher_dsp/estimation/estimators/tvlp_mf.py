@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Estimator TVLP-MF, the low-pass filters of TVLPF followed by a morphological filter.
+"""TVLP-MF estimator: the low-pass filters of TVLPF followed by a morphological filter.
 
 This is a reconstruction from title and classification of the patent application CN113225047A of
 Hunan University (Teng et al., 2021). The morphological filter is the mean of an opening followed by

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-r"""Estimator TVLPF, a cascade of low-pass filters whose cut-off falls during the window.
+r"""TVLPF estimator: a cascade of low-pass filters whose cut-off falls during the window.
 
 This is a reconstruction from the abstracts of two papers: Pietrzak, Meller, Niedzwiecki, Dynamic
 mass measurement in checkweighers using a discrete time-variant low-pass filter, Mechanical Systems

@@ -42,7 +42,9 @@ class PassParts(Settings):
 
     def __post_init__(self) -> None:
         if len(self.parts) < PARTS:
-            raise SettingsError(f'{len(self.parts)} parts, but {PARTS} are needed', 'parts')
+            raise SettingsError(
+                f'{len(self.parts)} parts, but at least {PARTS} are needed', 'parts'
+            )
         if self.quiet > self.lead:
             raise SettingsError(f'{self.quiet} exceeds the {self.lead} parts before t1', 'quiet')
 
