@@ -7,6 +7,7 @@ from pathlib import Path
 from axe import check_accessibility
 from browsers import needs_browser, open_browser
 from persons import Technician, new_line
+import pytest
 from selenium.webdriver.common.by import By
 
 from checkweigher_web.commissioning.registry import STEPS
@@ -18,7 +19,8 @@ VALUES = {
 
 
 @needs_browser
-def test_no_page_has_a_serious_finding_in_either_theme(tmp_path: Path):
+@pytest.mark.parametrize('all_pages', [False, pytest.param(True, marks=pytest.mark.soak)])
+def test_no_page_has_a_serious_finding_in_either_theme(tmp_path: Path, all_pages: bool):
     products = {'crisps': {'nominal': 0.15}}
     with (
         new_line(tmp_path, VALUES, products=products) as line,
@@ -33,6 +35,10 @@ def test_no_page_has_a_serious_finding_in_either_theme(tmp_path: Path):
         ben.until(lambda: 'TooManyRejects' in ben.text('[aria-label=Alarms]'))
         ben.until(lambda: browser.find_elements(By.CSS_SELECTOR, '.items tbody tr'))
         check_accessibility(browser)
+        if not all_pages:
+            ben.open('Recipes')
+            check_accessibility(browser)
+            return
 
         ben.open('Product')
         ben.choose('crisps')

@@ -2,11 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Pages in each language in a real browser: nothing is wider than its place."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from browsers import errors_of, needs_browser, open_browser
 from persons import Technician, new_line
+import pytest
 from selenium.webdriver.common.keys import Keys
 
 from checkweigher_web.commissioning.registry import STEPS
@@ -90,11 +91,16 @@ class Reader(Technician):
 
 
 @needs_browser
-def test_each_page_fits_in_each_language(tmp_path: Path):
+@pytest.mark.parametrize(
+    ('names', 'widths'), [(['de'], WIDTHS[:1]), pytest.param(NAMES, WIDTHS, marks=pytest.mark.soak)]
+)
+def test_each_page_fits_in_each_language(
+    tmp_path: Path, names: Sequence[str], widths: Sequence[int]
+):
     too_wide: list[str] = []
     with new_line(tmp_path, {}) as line, open_browser(tmp_path / 'browser') as browser:
         ben = Reader(browser, line)
-        for name in NAMES:
+        for name in names:
             ben.log_in('ben')
             ben.until(lambda: ben.text('.mass'))
             if name == 'de':
@@ -102,7 +108,7 @@ def test_each_page_fits_in_each_language(tmp_path: Path):
             else:
                 ben.prefer(language=name)
             for place, close in enumerate(ben.places()):
-                for width in WIDTHS:
+                for width in widths:
                     browser.set_window_size(width, 900)
                     ben.until(lambda w=width: browser.execute_script('return innerWidth') == w)
                     browser.execute_async_script(_FONTS_ARE_LOADED)
