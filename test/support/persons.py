@@ -126,8 +126,18 @@ class Person:
         self.until(lambda: self.clicked(inside, name))
 
     def open_menu(self) -> None:
-        self.press('Menu', '.head')
-        self.until(lambda: self.text('.q-menu'))
+        self.until(self._has_opened_menu)
+
+    def choose_in_menu(self, name: str, menu: str = 'Menu') -> None:
+        """Open the menu and choose an entry. While it loads, the page may close the menu again."""
+        entry = '.q-menu .q-item'
+        self.until(lambda: self._has_opened_menu(menu) and self.clicked(entry, name))
+
+    def _has_opened_menu(self, name: str = 'Menu') -> bool:
+        if self.text('.q-menu'):
+            return True
+        self.clicked('.head button', name)
+        return False
 
     def entries(self) -> list[str]:
         """Return the entries of the menu."""
@@ -141,8 +151,7 @@ class Person:
         if name in _BESIDE_MENU:
             self.press(name, '.work')
         else:
-            self.open_menu()
-            self.press(name, '.q-menu .q-item')
+            self.choose_in_menu(name)
         self.until(lambda: self.text('.dialog h2') == name)
 
     def fill(self, label: str, text: str) -> None:
@@ -228,8 +237,7 @@ class Technician(Person):
     def commission(self, step: str) -> None:
         """Open a step of the commissioning page."""
         if not self.text('.path'):
-            self.open_menu()
-            self.press('Commissioning', '.q-menu .q-item')
+            self.choose_in_menu('Commissioning')
         self.until(lambda: any(self.clicked('.stages .name', f'{step}{end}') for end in ('', ' ✓')))
         self.until(lambda: self.text(f'.stage.{step.split()[1].lower()}'))
 

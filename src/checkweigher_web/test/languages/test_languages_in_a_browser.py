@@ -57,8 +57,7 @@ class Reader(Technician):
         return str(self.browser.execute_script('return document.documentElement.lang'))
 
     def menu(self, entry: str) -> None:
-        self.press(language(self.name)('Menu'), '.head')
-        self.until(lambda: self.clicked('.q-menu .q-item', entry))
+        self.choose_in_menu(entry, language(self.name)('Menu'))
 
     def places(self) -> Iterator[Callable[[], object]]:
         """Open a part of the page after the other, and yield each with how it is closed."""
