@@ -45,7 +45,7 @@ def take_plan(ben: Inspector, path: Path) -> None:
     ben.said('✗', 'the plan: line')
     path.write_text(SHORT_PLAN)
     upload.send_keys(str(path))
-    ben.sees('9 steps', where='.found')
+    ben.sees('Steps: 9', where='.found')
 
 
 @needs_browser
