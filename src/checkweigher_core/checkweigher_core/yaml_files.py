@@ -59,6 +59,13 @@ class _Loader(yaml.SafeLoader):
     dates, are strings.
     """
 
+    def fetch_tag(self) -> None:
+        """Refuse a tag such as !!int, which would change the type of a value."""
+        raise yaml.MarkedYAMLError(
+            problem='tags such as !!int are not supported; write the value without a tag',
+            problem_mark=self.get_mark(),
+        )
+
     def table(self, node: Any) -> dict[Any, Any]:
         """Return a mapping. A repeated key is refused, because PyYAML would use its last value."""
         known: set[str] = set()

@@ -140,6 +140,7 @@ def test_unknown_fields_of_a_newer_format_are_written_again(tmp_path: Path):
         ('taste: [1, 2.5]', 'taste: [1, sweet]', "line 14: taste: 'sweet' is not a number"),
         ('taste: [1, 2.5]', 'taste: [1', 'line 15: bad YAML: '),
         ('mass: 0.06', 'mass: 1:30', "line 3: eggs.berta.mass: '1:30' is not a number; "),
+        ('mass: 0.06', 'mass: !!int 0o6', 'line 3: bad YAML: tags such as !!int are not supported'),
         ('mass: 0.06', 'mass: 006', "line 3: eggs.berta.mass: '006' is not a number"),
         ('mass: 0.06', 'mass: 00.6', "line 3: eggs.berta.mass: '00.6' is not a number"),
         ('mass: 0.06', 'mass: 0_06', "line 3: eggs.berta.mass: '0_06' is not a number"),
