@@ -13,7 +13,7 @@ from pathlib import Path, PurePosixPath
 import shutil
 import tarfile
 import tempfile
-from typing import IO
+from typing import IO, Any
 
 from checkweigher_bringup.errors import UserError
 from checkweigher_core.input_files import sha256_of
@@ -136,29 +136,42 @@ def restore_backup(archive: Path, folder: Path) -> int:
     try:
         try:
             with tarfile.open(archive, 'r:') as tar:
-                tar.extractall(place, filter='tar')
+                tar.extractall(place, filter=_part_of_backup)
         except tarfile.TarError as error:
             raise UserError(f'{archive}: is not a backup, or is damaged: {error}') from None
         if not ((place / _SUMS).is_file() and (place / _FOLDER).is_dir()):
             raise UserError(f'{archive}: is not a backup of a machine')
-        if changed := _changed_file(place):
-            raise UserError(f'{archive}: {changed}: is not as it was saved')
+        sums = _sums(place)
+        files = [path for path in (place / _FOLDER).rglob('*') if path.is_file()]
+        found = {str(path.relative_to(place)): sha256_of(path) for path in files}
+        for name in sorted(found.keys() | sums.keys()):
+            if found.get(name) != sums.get(name):
+                raise UserError(f'{archive}: {name}: is not as it was saved')
         os.sync()
         os.replace(place / _FOLDER, folder)
     finally:
         shutil.rmtree(place)
     sync_folder(folder.parent)
-    return sum(path.is_file() for path in folder.rglob('*'))
+    return len(found)
 
 
-def _changed_file(place: Path) -> str:
-    """Return the first file whose SHA-256 in an unpacked backup is not the stated one, or ''."""
+def _part_of_backup(entry: tarfile.TarInfo, place: str) -> tarfile.TarInfo:
+    """Return an entry for extraction by the present user, as the filter of `tarfile`.
+
+    Raises `TarError` for anything but files and folders of the machine, and the file of the sums.
+    """
+    parts = PurePosixPath(entry.name).parts
+    is_kept = parts[:1] == (_FOLDER,) and '..' not in parts and (entry.isreg() or entry.isdir())
+    if not is_kept and not (entry.name == _SUMS and entry.isreg()):
+        raise tarfile.TarError(f'{entry.name!r} is not part of a backup')
+    owner: Any = dict.fromkeys(('uid', 'gid', 'uname', 'gname'))
+    return entry.replace(mode=entry.mode & 0o777, deep=False, **owner)
+
+
+def _sums(place: Path) -> dict[str, str]:
+    """Return the stated SHA-256 of each file in an unpacked backup."""
     lines = (place / _SUMS).read_text(encoding='utf-8', errors='replace').splitlines()
-    sums = {name: digest for digest, _, name in (line.partition('  ') for line in lines)}
-    files = (path for path in (place / _FOLDER).rglob('*') if path.is_file())
-    found = {str(path.relative_to(place)): sha256_of(path) for path in files}
-    names = sorted(found.keys() | sums.keys())
-    return next((name for name in names if found.get(name) != sums.get(name)), '')
+    return {name: digest for digest, _, name in (line.partition('  ') for line in lines)}
 
 
 def print_log(log: Path) -> bool:

@@ -139,12 +139,21 @@ def with_a_link(archive: Path) -> None:
         tar.addfile(entry)
 
 
+def with_a_linked_folder(archive: Path) -> None:
+    entry = tarfile.TarInfo('machine/link')
+    entry.type, entry.linkname = tarfile.SYMTYPE, '/etc'
+    with tarfile.open(archive, 'a') as tar:
+        tar.addfile(entry)
+
+
 def with_a_way_out(archive: Path) -> None:
     with tarfile.open(archive, 'a') as tar:
         tar.addfile(tarfile.TarInfo('machine/../../out'))
 
 
-@pytest.mark.parametrize('damage', [flipped, cut, without_a_file, with_a_link, with_a_way_out])
+@pytest.mark.parametrize(
+    'damage', [flipped, cut, without_a_file, with_a_link, with_a_linked_folder, with_a_way_out]
+)
 def test_a_damaged_backup_is_refused_and_leaves_nothing(
     damage: Callable[[Path], None], machine: Path, tmp_path: Path
 ):
