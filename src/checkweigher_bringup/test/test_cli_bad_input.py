@@ -94,7 +94,7 @@ def test_options(arguments: tuple[object, ...]):
         (('--port', 70000), 'is not in 0..65535'),
         (('--keep', '/nowhere/at/all'), 'there is no folder /nowhere/at/all; make it first'),
         (('--trust', __file__), f'{__file__}: is not an Ed25519 public key'),
-        (('--trust', '/none'), '/none: No such file'),
+        (('--trust', '/none'), '/none: cannot be read: No such file'),
         (('--trust', __file__, '--bag', BAG), '--trust: not with --bag'),
         (('--bag', BAG, '--report', '/none'), 'there is no such file'),
         (('--report', __file__), '--report: only with --bag'),

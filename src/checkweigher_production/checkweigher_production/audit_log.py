@@ -116,13 +116,12 @@ def read_consistent(path: Path) -> tuple[bytes, bytes]:
     """
     while True:  # repeated if an entry was added between the two reads
         head = _read_head(path)
-        data = read_file(path)
+        data = _read_file(path)
         if _read_head(path) == head:
             return data, head
 
 
-def read_file(path: Path) -> bytes:
-    """Return the content of a file. Raises `AuditError` if it cannot be read."""
+def _read_file(path: Path) -> bytes:
     try:
         return read_input(path)
     except OSError as error:
@@ -288,7 +287,7 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             raise LogInUseError(f'{self.path}: another process writes to this log') from None
-        data, self._head = read_file(self.path), _read_head(self.path)
+        data, self._head = _read_file(self.path), _read_head(self.path)
         found = verify(data, self._head)
         if not found.whole:
             raise AuditError(

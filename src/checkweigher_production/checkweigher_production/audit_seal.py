@@ -22,14 +22,9 @@ from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 from cryptography.hazmat.primitives.serialization import load_pem_private_key, load_pem_public_key
 
+from checkweigher_core.input_files import read_input
 from checkweigher_core.state_files import replace_file
-from checkweigher_production.audit_log import (
-    FIRST_PREVIOUS,
-    AuditError,
-    Entry,
-    Verification,
-    read_file,
-)
+from checkweigher_production.audit_log import FIRST_PREVIOUS, AuditError, Entry, Verification
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +58,7 @@ def private_key(path: Path) -> Ed25519PrivateKey:
     Raises `AuditError` if the file cannot be read, has no key, or is accessible to anyone except
     its owner.
     """
-    data = read_file(path)
+    data = _read(path)
     if path.stat().st_mode & 0o077:
         raise AuditError(f'{path}: others may read this key; chmod 600 it, or make a new one')
     what = 'private key without password; make one: openssl genpkey -algorithm ed25519 -out KEY'
@@ -73,7 +68,7 @@ def private_key(path: Path) -> Ed25519PrivateKey:
 def public_key(path: Path) -> Ed25519PublicKey:
     """Return the public key in a PEM file. Raises `AuditError` if the file has no such key."""
     what = 'public key; make it of the private one: openssl pkey -in KEY -pubout -out PUBLIC'
-    return _key(path, Ed25519PublicKey, partial(load_pem_public_key, read_file(path)), what)
+    return _key(path, Ed25519PublicKey, partial(load_pem_public_key, _read(path)), what)
 
 
 def _key(path: Path, kind: type, load: Callable[[], object], what: str) -> Any:
@@ -95,7 +90,7 @@ def read_seals(path: Path, key: Ed25519PublicKey) -> tuple[Seal, ...]:
     """
     seals: list[Seal] = []
     previous = FIRST_PREVIOUS
-    for number, line in enumerate(read_file(path).splitlines(keepends=True), 1):
+    for number, line in enumerate(_read(path).splitlines(keepends=True), 1):
         try:
             seal = Seal(**json.loads(line))
             key.verify(bytes.fromhex(seal.signature), seal.signed())
@@ -177,3 +172,10 @@ def add_seal(path: Path, log: Path, entries: Sequence[Entry], key: Ed25519Privat
 
 def _hash_at(entries: Sequence[Entry], number: int) -> str:
     return entries[number - 1].hash if number > 0 else FIRST_PREVIOUS
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return read_input(path)
+    except OSError as error:
+        raise AuditError(f'{path}: cannot be read: {error.strerror or error}') from None
