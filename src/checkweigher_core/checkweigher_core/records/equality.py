@@ -6,6 +6,8 @@ from dataclasses import fields
 import math
 from typing import Any
 
+import numpy as np
+
 
 class NanEqual:
     """Base of dataclasses that are equal if all fields are equal, where NaN equals NaN.
@@ -24,5 +26,10 @@ class NanEqual:
 
 
 def _values(record: Any) -> tuple[object, ...]:
-    values = (getattr(record, each.name) for each in fields(record) if each.compare)
-    return tuple('NaN' if isinstance(v, float) and math.isnan(v) else v for v in values)
+    return tuple(_plain(getattr(record, each.name)) for each in fields(record) if each.compare)
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, np.ndarray):
+        return tuple(value.tolist())
+    return 'NaN' if isinstance(value, float) and math.isnan(value) else value

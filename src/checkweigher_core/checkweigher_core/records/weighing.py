@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Records of the weighing of an item, from its entry to its mass estimate."""
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 import math
 
 import numpy as np
@@ -33,8 +33,8 @@ class Item(NanEqual):
     reasons: tuple[str, ...] = ()  # why the item cannot be weighed; empty if it can be weighed
 
 
-@dataclass(frozen=True, slots=True)
-class WeighWindow:
+@dataclass(frozen=True, slots=True, eq=False)
+class WeighWindow(NanEqual):
     """Signal of one item, with its times, speed and length from the photo-eyes.
 
     `counts` contains the valid readings from before t1 until after t3, and is empty for a fault.
@@ -61,13 +61,6 @@ class WeighWindow:
     counts: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))  # shape (n,)
     denoised: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     reasons: tuple[str, ...] = ()  # why the item cannot be weighed; empty if it can be weighed
-
-    def __eq__(self, other: object) -> bool:
-        """Compare field by field; NaN equals NaN."""
-        return isinstance(other, WeighWindow) and all(
-            np.array_equal(np.asarray(a), np.asarray(b), equal_nan=isinstance(a, float))
-            for a, b in ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
-        )
 
     @property
     def force(self) -> NDArray[np.float64]:
