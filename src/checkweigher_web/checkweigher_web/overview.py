@@ -54,22 +54,31 @@ class Overview(Made):
 
     def only(self) -> str | None:
         """Return the name of the lane if there is exactly one, otherwise None."""
-        names = [view.name for view in self.views()]
+        names = [_name(row) for row in self._rows()]
         return names[0] if len(names) == 1 and names[0] in self._watch.lanes else None
 
     def _views(self, say: Language) -> list[LaneView]:
+        lanes, hosts = self._watch.lanes, self._watch.board.hosts()
+        return [_view(row, lanes.get(_name(row)), hosts, say) for row in self._rows()]
+
+    def _rows(self) -> list[LaneRow]:
+        return self.each_second('rows', self._made_rows)
+
+    def _made_rows(self) -> list[LaneRow]:
         lanes, board = dict(self._watch.lanes), self._watch.board
-        hosts = board.hosts()
         known = by_lane(board.rows(time.monotonic())) if board.heard else []
-        silent = lanes.keys() - {row.lane.strip('/') for row in known}
+        silent = lanes.keys() - {_name(row) for row in known}
         text = 'no diagnostics have come; see whether its nodes run'
         rows = [LaneRow(name, Level.STALE, (), text) for name in sorted(silent)] + known
-        views = [_view(row, lanes.get(row.lane.strip('/')), hosts, say) for row in rows]
-        return [view for view in views if self._watch.only in (None, view.name)]
+        return [row for row in rows if self._watch.only in (None, _name(row))]
+
+
+def _name(row: LaneRow) -> str:
+    return row.lane.strip('/')
 
 
 def _view(row: LaneRow, lane: Lane | None, hosts: dict[str, set[str]], say: Language) -> LaneView:
-    name = row.lane.strip('/')
+    name = _name(row)
     known = None if lane is None else lane.statistics
     product, throughput = ('', math.nan) if known is None else (known.product, known.throughput)
     host = ', '.join(sorted(hosts.get(name, ())))
