@@ -187,9 +187,10 @@ def _processes(commands: Mapping[str, Command]) -> dict[str, SupervisedProcess]:
 def _page_commands(
     options: Sequence[str] | None, namespace: str, folder: MachineFolder | None
 ) -> dict[str, Command]:
+    if options is None:
+        return {}
     kept = [] if folder is None else ['--keep', str(folder.path / 'kept')]
-    words = [*_PAGE_COMMAND, *(options or ()), '--namespace', namespace, *kept]
-    return {} if options is None else {_PAGE: partial(list, words)}
+    return {_PAGE: partial(list, [*_PAGE_COMMAND, *options, '--namespace', namespace, *kept])}
 
 
 def _gateway_commands(file: Path | None, namespace: str) -> dict[str, Command]:
