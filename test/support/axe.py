@@ -33,7 +33,7 @@ style.replaceSync('* { transition: none !important }');
 document.adoptedStyleSheets = [...document.adoptedStyleSheets, style];
 """
 _SCHEME = 'prefers-color-scheme'
-# Rules by theme, of which the second differs only in its colours.
+# Rules of axe-core for each theme. Only the colours differ between the themes.
 _THEMES = {'light': {}, 'dark': {'runOnly': ['color-contrast']}}
 
 

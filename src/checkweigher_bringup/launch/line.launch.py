@@ -233,7 +233,7 @@ def is_true(context, name):
 
 
 def parameter_files(context, params_file, folder, namespace):
-    """Return the parameter files of the line, of which later files override earlier files."""
+    """Return the parameter files of the line. Later files override earlier files."""
     first, files, own = [], [str(params_file)], {}
     if folder:
         machine = MachineFolder.made(Path(folder))

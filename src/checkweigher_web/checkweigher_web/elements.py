@@ -34,7 +34,7 @@ Cell = str | Link | Told
 
 def panel(title: str, name: str = '') -> Element:
     """Add a panel with a heading and the CSS class `name` to the page, and return it."""
-    panel = ui.element('section').classes(f'panel {name}').props(f'aria-label="{title}"')
+    panel = named(ui.element('section').classes(f'panel {name}'), title)
     with panel:
         ui.html(f'<h2>{title}</h2>', sanitize=False)
     return panel
@@ -53,12 +53,12 @@ def heading(text: str) -> Element:
 
 
 def text_file_input(label: str, longest: int, take: Callable[[str], object]) -> Element:
-    """Add an input for a text file, of which `take` gets the first `longest` characters.
+    """Add an input for a text file, and call `take` with the first `longest` characters.
 
     The browser does not read the rest of a longer file.
     """
     read = f'(event) => event.target.files[0]?.slice(0, {longest}).text().then(t => emit(t))'
-    found = ui.element('input').props(f'type=file aria-label="{label}"')
+    found = named(ui.element('input').props('type=file'), label)
     return found.on('change', lambda event: take(str(event.args)), js_handler=read)
 
 
@@ -118,7 +118,7 @@ class Figure(_FromText, ui.echart, component='figure.js'):
         for name in ('options', 'enable-3d', 'renderer', 'theme'):
             self.props.pop(name)
         self._update_method = None
-        self.classes('chart').props(f'role=img aria-label="{label}"')
+        named(self.classes('chart').props('role=img'), label)
         self.props['linked'] = linked
         self.show_text(json.dumps(nothing(say('waiting for items'))))
 

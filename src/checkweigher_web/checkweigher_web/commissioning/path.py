@@ -44,8 +44,7 @@ class CommissioningPath:
             with panel(say('On the belt now'), 'now'):
                 self._load = ui.label('').classes('load')
                 self._steady = ui.linear_progress(0, show_value=False, size='1.25rem')
-                label = say('stability of the load')
-                self._steady.props(f'instant-feedback aria-label="{label}"')
+                named(self._steady.props('instant-feedback'), say('stability of the load'))
                 self._moving = ui.label('')
             self._panels, self._standings = [], []
             self._steps: list[Step] = []

@@ -13,6 +13,7 @@ from checkweigher_core.parameters import ParameterError
 from checkweigher_core.records import LoadCell
 from checkweigher_recording.simulation.operation import OperationParameters
 from checkweigher_web.access.users import Role
+from checkweigher_web.elements import named
 from checkweigher_web.lane import Lane
 from checkweigher_web.languages.language import ENGLISH, Language, Text
 from checkweigher_web.shift import Shift
@@ -99,7 +100,8 @@ class PracticeView(View):
 
     def update(self) -> None:
         """Show the settings again after each start of the driver, which resets them."""
-        if self.lane.load_cell is not self._cell:  # The driver publishes its load cell anew.
+        # A driver that starts again publishes a new load cell.
+        if self.lane.load_cell is not self._cell:
             self._cell = self.lane.load_cell
             self._show()
 
@@ -131,7 +133,7 @@ class PracticeView(View):
         try:
             value = number_in(self._numbers[name], self.say, empty=0.0) / factor
         except ActionRefusedError as error:
-            self._tell(Outcome(False, str(error)))
+            self._tell(Outcome(False, error.text))
             return
         await self._change(**{name: round(value, 9)})
 
@@ -142,7 +144,7 @@ class PracticeView(View):
         try:
             mass = mass_in(self._put_mass, self.say, empty=0.0)
         except ActionRefusedError as error:
-            self._tell(Outcome(False, str(error)))
+            self._tell(Outcome(False, error.text))
             return
         await self._change(put=self._now.put + 1, put_mass=mass)
 
@@ -181,7 +183,7 @@ class _EyeControls:
             ui.label(eye)
             self._place = ui.slider(min=-_FARTHEST, max=_FARTHEST, step=5, value=0)
             label = say('{eye}: place in mm', eye=eye)
-            self._place.props(f'label aria-label="{label}"')
+            named(self._place.props('label'), label)
             self._place.on(
                 'update:model-value', self._set_place, throttle=0.5, leading_events=False
             )

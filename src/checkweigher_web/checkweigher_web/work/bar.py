@@ -9,7 +9,7 @@ from nicegui import ui
 from nicegui.element import Element
 
 from checkweigher_web.access.users import Role
-from checkweigher_web.elements import menu_entry
+from checkweigher_web.elements import menu_entry, named
 from checkweigher_web.lane import Lane, ShownItem
 from checkweigher_web.languages.language import Text
 from checkweigher_web.technician.practice import is_simulated
@@ -28,7 +28,7 @@ from checkweigher_web.work.signing import sign_records
 
 _PERIOD = 1.0  # s
 _ZERO = Text('The next empty belt at rest becomes the zero. Stop the feed, and clear the belt.')
-_START = Text('Weighing starts. The machine may move: see that nobody reaches into it.')
+_START = Text('Weighing starts. The machine may move. Make sure that nobody reaches into it.')
 _STOP = Text(
     'Weighing stops: what is on the belt is a fault, and a line with outputs stands until it is '
     'started and its stop is reset.'
@@ -48,8 +48,7 @@ def work_of(desk: Desk) -> dict[str, Callable[[], Awaitable[None]]]:
 
 def work_bar(look: Look) -> None:
     """Show a button for each main action, with Start or Stop depending on the lane."""
-    label = look.say('Work on the machine')
-    with ui.element('nav').classes('work').props(f'aria-label="{label}"'):
+    with named(ui.element('nav').classes('work'), look.say('Work on the machine')):
         buttons = {each: ui.button(look.say(each), on_click=look.work[each]) for each in _MAIN}
     for button in buttons.values():
         button.props('outline')

@@ -16,7 +16,7 @@ from checkweigher_validation.batch.signing import Signable, SigningError
 from checkweigher_web.access.guard import Access
 from checkweigher_web.access.throttle import keys_of
 from checkweigher_web.access.users import Role, WrongPasswordError, sign_by
-from checkweigher_web.elements import show_told
+from checkweigher_web.elements import named, show_told
 from checkweigher_web.lane import Deed, Lane
 from checkweigher_web.languages.language import Language, Text
 from checkweigher_web.languages.wording import from_node
@@ -135,7 +135,7 @@ class Dialog:
         self, title: str, say: Language, closing: str = _CLOSE, *, wide: bool = False
     ) -> None:
         self.say, title = say, say(title)
-        self._dialog = ui.dialog().props(f'persistent aria-label="{title}"')
+        self._dialog = named(ui.dialog().props('persistent'), title)
         self._dialog.on('hide', self._dialog.delete)
         with self._dialog, ui.element('div').classes(f'panel dialog{" wide" if wide else ""}'):
             ui.html(f'<h2>{title}</h2>', sanitize=False)

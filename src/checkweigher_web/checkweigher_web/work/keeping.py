@@ -54,7 +54,7 @@ class Keeper:
             )
         if recording is None:
             raise ActionRefusedError(
-                Text('the page holds no samples yet: it takes them while somebody looks')
+                Text('the page has no samples yet: it receives them only while somebody looks')
             )
         begin, end = recording.blocks[0].stamp, recording.blocks[-1].stamp
         seconds = round((end - begin) / NANOSECONDS)
