@@ -140,7 +140,8 @@ def check_all_widths(driver: webdriver.Chrome) -> None:
     for width in WIDTHS:
         driver.set_window_size(width, 900)
         until(driver, lambda: not is_cut_off(driver))
-        assert shortcomings(driver) == []
+        found = shortcomings(driver)
+        assert not found, (width, found)  # pytest rewrites asserts of test modules alone
 
 
 def is_cut_off(driver: webdriver.Chrome) -> bool:

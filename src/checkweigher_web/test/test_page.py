@@ -188,7 +188,8 @@ def test_an_item_of_the_running_line_is_kept(
     until(browser, kept)
     (bag,) = (folder / 'kept').iterdir()
     number = bag.name.partition('_')[0].removeprefix('item')
-    (row,) = [row for row in rows_of(browser) if row[0] == number]
+    until(browser, lambda: number in [each[0] for each in rows_of(browser)])
+    (row,) = [each for each in rows_of(browser) if each[0] == number]
     found = re.search(r'item (\d+) of this bag, ([\d.]+) g, (\w+)', said[-1])
     assert found, said
     assert found[3] == row[5].split()[1]

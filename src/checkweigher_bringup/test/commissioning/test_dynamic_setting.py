@@ -105,7 +105,9 @@ def test_passes_at_each_speed_make_parameters_that_weigh_better(
         assert begun.result.bag == told[-1].bags[-1]
         training = technician.tune()
         assert training.success, training.message
-        assert {said.text for said in training.feedback} >= {'reading', 'tuning'}
+        # Feedback is the latest progress: a step that is over within one poll may be left out.
+        said = {said.text for said in training.feedback}
+        assert {'tuning'} <= said <= {'reading', 'preparing', 'tuning'}
         assert all(0 <= said.progress <= 1 for said in training.feedback)
         waiting = technician.wait(lambda said: said.text.startswith('tuned'))[-1]
         assert waiting.file == ''
