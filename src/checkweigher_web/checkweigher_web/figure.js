@@ -14,7 +14,7 @@ export default {
   emits: ["span", "at"],
   watch: {
     text() {
-      this.draw();
+      if (this.inSight) this.draw();
     },
   },
   mounted() {
@@ -23,6 +23,12 @@ export default {
       if (this.shown !== this.text) this.draw();
     });
     this.resized.observe(this.$el);
+    // A figure outside the window is drawn again when the user scrolls to it.
+    this.scrolled = new IntersectionObserver(entries => {
+      this.inSight = entries.at(-1).isIntersecting;
+      if (this.inSight && this.shown !== this.text) this.draw();
+    });
+    this.scrolled.observe(this.$el);
     this.themed = new MutationObserver(() => {
       if (this.chart && this.theme !== this.colour("--card")) this.draw();
     });
@@ -30,6 +36,7 @@ export default {
   },
   beforeUnmount() {
     this.resized.disconnect();
+    this.scrolled.disconnect();
     this.themed.disconnect();
     this.chart?.dispose();
   },
@@ -79,8 +86,9 @@ export default {
                      axisTick: { lineStyle: text },
                      splitLine: { lineStyle: { color: colour("--line") } } };
       // Numbers as the language of the page writes them.
-      const shown = value => typeof value === "number" ? value.toLocaleString(
-        document.documentElement.lang, { maximumFractionDigits: 6 }) : value;
+      const numbers = new Intl.NumberFormat(
+        document.documentElement.lang, { maximumFractionDigits: 6 });
+      const shown = value => typeof value === "number" ? numbers.format(value) : value;
       const valueAxis = { ...axis, axisLabel: { ...text, formatter: shown } };
       return echarts.init(this.$el, {
         valueAxis, categoryAxis: axis, timeAxis: axis, legend: { textStyle: ink },
