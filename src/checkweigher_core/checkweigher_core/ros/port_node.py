@@ -128,8 +128,8 @@ class PortNode(Node):
         """Create a service. If its callback fails, the client gets an empty response.
 
         A callback that returns a text sets `success` and `message` of the response. It raises
-        ValueError with the message of a refusal. The parameter services of rclpy, which raise an
-        exception for a value of an unknown type, are created here, too.
+        ValueError with the message of a refusal, which is also logged. The parameter services of
+        rclpy, which raise an exception for a value of an unknown type, are created here, too.
         """
         own = locked(callback)
 
@@ -141,6 +141,7 @@ class PortNode(Node):
                 if not hasattr(response, 'message'):
                     raise
                 response.message = str(error)
+                self.get_logger().info(f'{srv_name}: refused: {error}')
                 return response
             if isinstance(answered, str):
                 response.success, response.message, answered = True, answered, response

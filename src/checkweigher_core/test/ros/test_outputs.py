@@ -9,6 +9,7 @@ import pytest
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.task import Future
+from std_srvs.srv import Trigger
 
 from checkweigher_core.parameters import ParameterError
 from checkweigher_core.records import Decision, Eye, EyeEdge, LoadCell, Verdict
@@ -263,3 +264,20 @@ def test_a_consumer_in_the_process_has_all_from_the_start(process):
     connect([maker, taker])
     output.send(verdict(2))
     assert [each.item_id for each in taken] == [1, 2]
+
+
+def test_a_refused_call_is_answered_with_its_reason_and_logged(process, capfd):
+    node, client_node = process.node(), process.node()
+
+    def refuse(request, response):
+        raise ValueError('the belt runs')
+
+    service = node.create_service(Trigger, 'refuse', refuse)
+    process.spinner.add(node, client_node)
+    client = client_node.create_client(Trigger, service.srv_name)
+    process.wait_for(client.service_is_ready)
+    called = client.call_async(Trigger.Request())
+    process.wait_for(called.done)
+
+    assert (called.result().success, called.result().message) == (False, 'the belt runs')
+    assert 'refuse: refused: the belt runs' in capfd.readouterr().err
