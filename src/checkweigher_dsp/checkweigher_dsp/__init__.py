@@ -1,3 +1,3 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The weighing of an in-motion checkweigher: stages, estimators and their nodes."""
+"""Stages of an in-motion checkweigher, from samples to verdicts, and their ROS 2 nodes."""

@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Legally relevant software: the program and the libraries that decide masses and verdicts.
 
-Its digest covers every Python file and library of the packages below except tests, the version of
-Python, and the kernel of the linear algebra library (BLAS) that this processor uses. Software that
-only shows, stores or transmits results is in other packages, which the digest does not cover.
+The digest covers every Python file and shared library of the packages in `OWN` and `LIBRARIES`,
+except their tests. It also covers the Python version, and the name of the kernel of the linear
+algebra library (BLAS) that this processor uses. Software that only shows, stores or transmits
+results is in other packages, which the digest does not cover.
 """
 
 from collections.abc import Iterator
@@ -33,17 +34,18 @@ class LegalSoftware:
     """Digests of the parts of the legally relevant software, and their common digest."""
 
     sha256: str  # SHA-256 of all parts, hexadecimal
-    parts: dict[str, str]  # SHA-256 of each package, version of Python, and BLAS kernel, by name
+    # For each part by its name: SHA-256 of a package, Python version, or name of the BLAS kernel.
+    parts: dict[str, str]
 
     @property
     def value(self) -> dict[str, object]:
-        """Value of the entry in the audit log."""
+        """Fields of this class, as they are stored in an entry of the audit log."""
         return asdict(self)
 
 
 @cache
 def legal_software() -> LegalSoftware:
-    """Return the digests of the software of this process. The first call takes about 0.3 s."""
+    """Return the digests of the legally relevant software. The first call takes about 0.3 s."""
     parts = {name: package_digest(name) for name in (*OWN, *LIBRARIES)}
     parts |= {'Python': platform.python_version(), 'BLAS kernel': blas_kernel()}
     text = json.dumps(parts, sort_keys=True)
@@ -51,7 +53,7 @@ def legal_software() -> LegalSoftware:
 
 
 def version_text() -> str:
-    """Return version and digests of the legally relevant software as lines of text."""
+    """Return the version and the digests of the legally relevant software as lines of text."""
     software = legal_software()
     lines = [
         f'checkweigher {version("checkweigher_dsp")}',
@@ -70,12 +72,12 @@ def package_digest(package: str) -> str:
 
 
 def files_of(package: str) -> Iterator[tuple[str, Path]]:
-    """Yield name and path of the Python files and libraries of a package, without tests."""
+    """Yield the name and path of each Python file and shared library of a package, except tests."""
     spec = find_spec(package)
     assert spec is not None
     assert spec.origin is not None
     root = Path(spec.origin).parent
-    # Include the folder beside the package, in which the wheel of NumPy stores its BLAS.
+    # Include the folder PACKAGE.libs, because the NumPy wheel stores its BLAS library there.
     for folder in (root, root.with_name(f'{package}.libs')):
         for path in sorted(folder.rglob('*')):
             name = path.relative_to(root.parent).as_posix()
@@ -87,7 +89,7 @@ def files_of(package: str) -> Iterator[tuple[str, Path]]:
 
 def blas_kernel() -> str:
     """Return the name of the BLAS kernel that NumPy uses on this processor, or 'unknown'."""
-    np.dot(np.ones(2), np.ones(2))  # This loads the library.
+    np.dot(np.ones(2), np.ones(2))  # This call loads the BLAS library.
     maps = Path('/proc/self/maps').read_text(encoding='utf-8', errors='replace').splitlines()
     for path in sorted({line.split(maxsplit=5)[-1] for line in maps if 'blas' in line}):
         library = ctypes.CDLL(path)

@@ -12,14 +12,16 @@ import numpy as np
 
 from checkweigher_dsp.signal import Array
 
-# An energy is summed again below this fraction of its last sum, at which three digits are lost.
+# Fraction of its last sum below which an energy is summed again. At this fraction, the recursive
+# update of the energy has lost three digits.
 _LEFT = 1e-3
 
 
 def burg(signal: Array, order: int) -> tuple[Array, Array]:
     r"""Fit an AR model by Burg's method.
 
-    The method minimises the sum of the forward and backward prediction errors:
+    For each order m, the method minimises the sum of the squares of the forward errors f and of the
+    backward errors b of the prediction:
 
     .. math:: k_m = -2 \frac{\sum f_{m-1}(n) b_{m-1}(n-1)}
        {\sum f_{m-1}(n)^2 + b_{m-1}(n-1)^2},\quad c^{(m)} = c^{(m-1)} + k_m \tilde c^{(m-1)}
@@ -47,8 +49,8 @@ def burg(signal: Array, order: int) -> tuple[Array, Array]:
     forward and backward errors are filtered as one matrix. An impulse follows each signal at a
     distance above the order, and its response contains the coefficients. The energy in the
     denominator is updated recursively: it is multiplied by 1 - k^2, and the squares of the two
-    errors that are not used at the next order are subtracted. If rounding errors would matter, the
-    energy is summed again.
+    errors that are not used at the next order are subtracted. If this update has lost too many
+    digits, the energy is summed again from the errors.
 
     References
     ----------
@@ -62,14 +64,15 @@ def burg(signal: Array, order: int) -> tuple[Array, Array]:
     [-0.889] [ 1.    -0.889]
     """
     count = len(signal)
-    # The first half contains the forward errors and the second half the backward errors, one
-    # sample earlier. Each half ends with an impulse.
+    # The first half of the array contains the forward errors f(n), and the second half the backward
+    # errors b(n - 1). Each half ends with an impulse.
     size = count + 2 * order
     errors = np.zeros(2 * size)
     errors[: count - 1] = signal[1:]
     errors[count + order - 1] = 1.0
     errors[size : size + count] = signal
-    errors[size + count + order : size + count + order + 1] = 1.0  # an empty slice for order 0
+    # Use a slice, because for order 0 the index would be out of range. The slice is then empty.
+    errors[size + count + order : size + count + order + 1] = 1.0
     reflections = []
     turn = np.eye(2)
     turned = errors
@@ -84,7 +87,8 @@ def burg(signal: Array, order: int) -> tuple[Array, Array]:
         reflections.append(reflection)
         turn[0, 1] = turn[1, 0] = reflection
         turned = turn.dot(errors.reshape(2, size)).ravel()
-        # Omit the first forward error and the last backward error, unused at the next order.
+        # Omit the first forward error and the last backward error, because the next order does not
+        # use them.
         first, last = turned.item(0), turned.item(size + used - 1)
         energy = (1.0 - reflection * reflection) * energy - first * first - last * last
         errors = turned[1:-1]
@@ -106,7 +110,7 @@ def akaike_order(powers: Array, count: int) -> int:
 
     Examples
     --------
-    >>> akaike_order(np.array([4.0, 1.0, 0.99]), 100)  # the second order is worth 1, not 2
+    >>> akaike_order(np.array([4.0, 1.0, 0.99]), 100)  # order 2 gains 1 and costs 2
     1
     """
     # Limit the powers, because a power below the rounding error is no evidence for a higher order.
@@ -119,7 +123,7 @@ _ROUNDING = 1e-28
 
 
 def pooled_autocovariance(segments: Iterable[Array], count: int) -> Array:
-    """Return the biased autocovariance of several segments of the same process, about zero.
+    """Return the biased autocovariance of segments of one process, whose mean is assumed to be 0.
 
     Parameters
     ----------

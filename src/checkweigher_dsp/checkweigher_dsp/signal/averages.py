@@ -16,8 +16,8 @@ BATCHES = 10  # number of batches in the method of batch means
 def batch_mean_std_error(samples: Array) -> float:
     """Return the standard error of the mean of successive samples with coloured noise.
 
-    The method of batch means is used, because the means of ten successive batches are nearly
-    independent.
+    The method of batch means is used, because successive samples are correlated, whereas the means
+    of ten successive batches are nearly independent.
 
     Parameters
     ----------
@@ -34,10 +34,11 @@ def batch_mean_std_error(samples: Array) -> float:
 
 
 def hann_mean(samples: Array) -> Any:
-    """Compute the mean of windows, weighted by a Hann window without the zeros at its ends.
+    """Return the mean of each window, weighted by a Hann window without the zeros at its ends.
 
     The mean is unbiased for a constant load. An oscillation with two or more periods in the window
-    is reduced to less than 3 % at any phase, whereas a plain mean requires whole periods.
+    is reduced to less than 3 % at any phase. A plain mean cancels an oscillation only if the window
+    contains whole periods.
 
     Parameters
     ----------
@@ -72,7 +73,7 @@ class RunningMoments:
     def __init__(self) -> None:
         self.count = 0
         self.largest = 0.0  # value with the largest magnitude
-        self._mean = self._squares = 0.0  # sum of squared deviations from the mean
+        self._mean = self._squares = 0.0  # mean, and sum of squared deviations from it
 
     def add(self, value: float) -> None:
         """Add a value."""

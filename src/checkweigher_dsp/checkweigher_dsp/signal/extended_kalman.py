@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""Identification of the weighing platform by an extended Kalman filter (EKF).
 
-The platform with a load on it obeys :math:`x(k) = -a_1 x(k-1) - a_2 x(k-2) + b_1 u(k-1)`. So the
-load is the steady state :math:`b_1 / (1 + a_1 + a_2)`. The filter estimates the signal and the
-coefficients at the same time, in the state :math:`X = [x(k), x(k-1), a_1, a_2, b_1]`.
+The signal x of the platform obeys :math:`x(k) = -a_1 x(k-1) - a_2 x(k-2) + b_1 u(k-1)`, where u is
+the fraction of the load that is on the platform. So the load is the steady state for u = 1, which
+is :math:`b_1 / (1 + a_1 + a_2)`. The filter estimates the signal and the coefficients at the same
+time, in the state :math:`X = [x(k), x(k-1), a_1, a_2, b_1]`.
 """
 
 from collections.abc import Iterable, Iterator
@@ -21,9 +22,9 @@ from checkweigher_dsp.signal import Array
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """Variances of the filter, without a unit, because the signal is normalised to 1."""
+    """Variances of the filter. They have no unit, because the signal is normalised to about 1."""
 
-    measurement: float  # measurement noise R as a multiple of a variance in the signal
+    measurement: float  # measurement noise R as a multiple of `variance` of `identify`
     process: float  # process noise Q of x as a multiple of R; Q of the coefficients is 0
     coefficients: float  # initial variance P0 of a1 and a2
     initial: float = 1.0  # initial variance P0 of x(k), x(k-1) and b1
@@ -31,7 +32,7 @@ class Noise:
 
 @dataclass(frozen=True)
 class Identification:
-    """Coefficients and steady state of the platform. The arrays have the shape (windows,)."""
+    """Identified coefficients and steady state. The arrays have the shape (windows,)."""
 
     a1: Array
     a2: Array
@@ -63,8 +64,9 @@ def identify(
     .. math:: F = \begin{pmatrix} -a_1 & -a_2 & -x(k) & -x(k-1) & u \\ 1 & 0 & 0 & 0 & 0 \\
        0 & 0 & 1 & 0 & 0 \\ 0 & 0 & 0 & 1 & 0 \\ 0 & 0 & 0 & 0 & 1 \end{pmatrix}
 
-    and C = [1 0 0 0 0]. It is written in scalars for the upper triangle of the symmetric
-    covariance, because for 5 x 5 matrices the calls of a library take longer than the arithmetic.
+    and the measurement matrix C = [1 0 0 0 0]. The filter is written in scalars, for the upper
+    triangle of the symmetric covariance, because for 5 x 5 matrices the calls of a library take
+    longer than the arithmetic.
 
     Parameters
     ----------
@@ -82,7 +84,7 @@ def identify(
     counts : ndarray, (windows,) int, optional
         Number of samples in each window. The other samples of a row are ignored. The default is n.
     rise : float or ndarray, (windows,)
-        Factor of R while u is below 1.
+        Factor by which R is multiplied while u is below 1.
     start_from_samples : bool
         If True, x(-1) and x(0) are the first two samples with P0 = R, and the filter begins with
         the third sample. Otherwise X0 is 0.
@@ -141,9 +143,10 @@ _LEAST_MEASUREMENT = 1e-14
 
 
 def _by_sample(values: Array) -> Any:
-    """Return the values (windows, n) of each sample as an array, or as floats for one window.
+    """Return the transpose of the values, (windows, n), or a list of floats for one window.
 
-    The arithmetic on floats gives the same bits as that on arrays of one number, 20 times as fast.
+    The arithmetic on floats gives the same results to the last bit as the arithmetic on arrays of
+    one number, and is 20 times as fast.
     """
     return values[0].tolist() if len(values) == 1 else np.ascontiguousarray(values.T)
 
@@ -155,12 +158,12 @@ _State = tuple[Any, ...]
 def _filter(
     state: _State, samples: Iterable[Any], inputs: Iterable[Any], measurement: Iterable[Any], q: Any
 ) -> _State:
-    """Return the state after all samples. Its numbers are floats or arrays (windows,)."""
+    """Return the filter state after all samples. Its elements are floats or arrays, (windows,)."""
     x, y, a1, a2, b = state[:5]
     p11, p12, p13, p14, p15, p22, p23, p24, p25, p33, p34, p35, p44, p45, p55 = state[5:]
     # Do not assign in place, because several names share an array.
     for z, u, r in zip(samples, inputs, measurement, strict=False):
-        # Row 1 of F P, and the first element of F P F' + Q. Row 2 of F P is row 1 of P.
+        # Compute row 1 of F P, and the first element g0 of F P F' + Q. Row 2 of F P is row 1 of P.
         g1 = u * p15 - a1 * p11 - a2 * p12 - x * p13 - y * p14
         g2 = u * p25 - a1 * p12 - a2 * p22 - x * p23 - y * p24
         g3 = u * p35 - a1 * p13 - a2 * p23 - x * p33 - y * p34
@@ -190,7 +193,7 @@ def _filter(
         p44 = p44 - k * g4
         p45 = p45 - k * g5
         p55 = p55 - f * g5 * g5
-        h = r * f  # This is 1 minus the gain of x, without cancellation.
+        h = r * f  # h is 1 minus the Kalman gain of x, computed without cancellation.
         p11, p12 = h * g0, h * g1
         p13, p14, p15 = h * g3, h * g4, h * g5
     return (
@@ -213,8 +216,9 @@ def platform_poles(a1: float, a2: float, sample_rate: float) -> tuple[float, flo
     r"""Return the natural frequency in Hz and the damping ratio of an identified platform.
 
     Both are NaN unless the poles are a stable complex pair :math:`e^{(-\xi \pm j \sqrt{1 - \xi^2})
-    \omega_n T}`. The coefficients are then :math:`a_1 = -2 e^{-\xi \omega_n T} \cos(\omega_n
-    \sqrt{1 - \xi^2} T)` and :math:`a_2 = e^{-2 \xi \omega_n T}`.
+    \omega_n T}`, where T is the sampling interval. The coefficients are then
+    :math:`a_1 = -2 e^{-\xi \omega_n T} \cos(\omega_n \sqrt{1 - \xi^2} T)` and
+    :math:`a_2 = e^{-2 \xi \omega_n T}`.
 
     Examples
     --------

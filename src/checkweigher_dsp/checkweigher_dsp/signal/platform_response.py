@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""Response of the weighing platform to a product that crosses it, in closed form.
 
-The platform is a second-order system whose mass changes with the load. With w the natural frequency
-and xi the damping ratio of the empty platform, the reading y in kg obeys
+The platform is a second-order system whose mass changes with the load. With w the angular natural
+frequency and xi the damping ratio of the empty platform, the reading y in kg obeys
 
 .. math:: \ddot y = s w^2 (f - y) - 2 s \xi w \dot y,   s = m_0 / (m_0 + m(t))
 
@@ -21,8 +21,8 @@ import numpy as np
 
 from checkweigher_dsp.signal import Array
 
-# Number of steps at each end of the belt. With 8 steps, the error of the moving mass is at most
-# 1/16 of the mass of the product, and 0 on average.
+# Number of steps of the moving mass while a product enters, and while it leaves. With 8 steps, the
+# error of the moving mass is at most 1/16 of the mass of the product, and 0 on average.
 _STAIRS = 8
 
 
@@ -37,7 +37,7 @@ class Platform:
 
 @dataclass(frozen=True, slots=True)
 class Crossing:
-    """Times in s of the beginning and end of the rise and of the fall of the load of a product.
+    """Times in s at which the rise and the fall of the load of a product begin and end.
 
     The times of the fall are infinite if the product does not leave.
     """
@@ -49,13 +49,14 @@ class Crossing:
 
 
 def responses(platform: Platform, mass: float, crossing: Crossing, time: Array) -> Array:
-    """Return five responses, (5, n), whose linear combination is the signal of a pass.
+    """Return five responses, (5, n). The signal of a pass is a linear combination of them.
 
     `mass` is the mass of the product in kg. `time`, (n,) in s, ascends and begins no later than
     ``on_end``. The first row is the response to the load of the product, divided by its mass. The
-    other rows are free oscillations. Rows 2 and 3 begin at ``time[0]``: one with value 1 and slope
-    0, the other with value 0 and a slope of the angular natural frequency. Rows 4 and 5 begin in
-    the same way at ``on_begin``. They describe the oscillation after a short impact at entry.
+    other rows are free oscillations. Rows 2 and 3 begin at ``time[0]``. Row 2 begins with value 1
+    and slope 0, and row 3 with value 0 and a slope equal to the angular natural frequency. Rows 4
+    and 5 begin in the same way at ``on_begin``. They describe the oscillation after a short impact
+    at entry.
 
     Examples
     --------
@@ -72,8 +73,8 @@ def responses(platform: Platform, mass: float, crossing: Crossing, time: Array) 
     entry = int(np.searchsorted(time, crossing.on_begin))
     start = float(time[0])
     result[1:3, :entry] = _oscillations(time[:entry] - start, omega, decay, damped)
-    # After the entry, rows 2 and 3 are combinations of rows 4 and 5. The coefficients are their
-    # values and slopes (divided by omega) at the entry.
+    # After the entry, rows 2 and 3 are combinations of rows 4 and 5. The coefficients are the
+    # values and slopes (divided by omega) of rows 2 and 3 at the entry.
     one, other = _oscillations(crossing.on_begin - start, omega, decay, damped)
     slopes = -other, one - 2 * platform.damping_ratio * other
     stairs = np.array(_stairs(platform, mass, crossing)).T
@@ -95,19 +96,19 @@ def responses(platform: Platform, mass: float, crossing: Crossing, time: Array) 
 
 
 def _oscillations(since: Any, omega: float, decay: float, damped: float) -> tuple[Any, Any]:
-    """Return the free oscillations with value 1 and slope 0, and with value 0 and slope omega."""
+    """Return the free oscillations that begin with value 1 and slope 0, and 0 and omega."""
     envelope = np.exp(-decay * since)
     cosine, sine = envelope * np.cos(damped * since), envelope * np.sin(damped * since)
     return cosine + decay / damped * sine, omega / damped * sine
 
 
 def _stairs(platform: Platform, mass: float, crossing: Crossing) -> list[tuple[float, ...]]:
-    """Return the solution on each segment of constant moving mass after the entry.
+    """Return the solution on each segment of constant moving mass after the entry begins.
 
     A solution contains the beginning of the segment in s, its decay rate and its damped angular
-    frequency, and the constant and the rate of the forced response. Then follow the cosine and sine
-    coefficients of three responses: the response to the load, and the free oscillations that begin
-    at the entry with value 1 and with slope omega.
+    frequency, and the constant and the rate of the forced response. It also contains the cosine and
+    sine coefficients of three responses: the response to the load, and the free oscillations that
+    begin at the entry with value 1 and with slope omega.
     """
     omega = 2 * math.pi * platform.natural_frequency
     value, slope, free, free_slope, kicked, kicked_slope = 0.0, 0.0, 1.0, 0.0, 0.0, omega
@@ -117,7 +118,7 @@ def _stairs(platform: Platform, mass: float, crossing: Crossing) -> list[tuple[f
         decay = platform.damping_ratio * omega * ease
         squared = omega * omega * ease
         damped = math.sqrt(squared - decay * decay)
-        # The particular solution for a force load + rate t is load - lag + rate t.
+        # The particular solution for the force load + rate t is forced + rate t.
         forced = load - 2 * decay * rate / squared
         c0 = value - forced
         s0 = (slope - rate + decay * c0) / damped
@@ -137,7 +138,10 @@ def _stairs(platform: Platform, mass: float, crossing: Crossing) -> list[tuple[f
 
 
 def _segments(crossing: Crossing) -> list[tuple[float, float, float, float, float]]:
-    """Return beginning, duration, initial load, load rate and mean load of each segment."""
+    """Return the beginning, duration, initial load, load rate and mean load of each segment.
+
+    Times are in s, and loads are fractions of the mass of the product.
+    """
     segments = []
     ends = [(crossing.on_begin, crossing.on_end, 0.0, 1.0)]
     if math.isfinite(crossing.off_begin):

@@ -1,13 +1,13 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-r"""Prewhitening of coloured noise, so that least squares has the smallest variance.
+r"""Prewhitening of coloured noise, after which least-squares estimates have the least variance.
 
 The noise is described by the reflection coefficients of an autoregressive model. Coefficients
 between -1 and 1 always give a stable model, so they can be interpolated between two belt speeds.
 The prediction-error filter of the model converts the noise to white noise. The first samples have
 fewer predecessors than the order of the model. They are predicted by the models of lower order in
-the Levinson recursion, so that no sample is lost. The filter is then the exact inverse of the
-Cholesky factor of the covariance of the noise.
+the Levinson recursion, so that no sample is lost. The whole filter is the exact inverse of the
+Cholesky factor of the covariance matrix of the noise.
 """
 
 from collections.abc import Sequence
@@ -39,9 +39,11 @@ class Prewhitener:
     def __init__(self, reflections: Sequence[float] | Array, std_dev: float) -> None:
         order = len(reflections)
         self._order = order
-        # Row m predicts sample m from all samples before it, for m below the order.
+        # Row m gives the prediction error of sample m from all samples before it, scaled to the
+        # variance 1, for m below the order.
         self._start = np.zeros((order, order))
-        # The variance of the innovations divided by these factors is that of a prediction error.
+        # Divide the variance of the innovations by factor m to obtain the variance of the
+        # prediction error of sample m.
         remaining = np.cumprod((1 - np.asarray(reflections, float) ** 2)[::-1])[::-1]
         scales = np.sqrt(remaining) / std_dev
         taps = np.zeros(order + 1)
@@ -53,7 +55,7 @@ class Prewhitener:
         self._taps = taps / std_dev
 
     def whiten(self, signals: Array) -> Array:
-        """Return the filtered signals (..., n), in units of the std. dev. of the innovations."""
+        """Return the filtered signals, (..., n), whose noise has the standard deviation 1."""
         result = np.empty(signals.shape)
         begin = min(self._order, signals.shape[-1])
         result[..., :begin] = signals[..., :begin] @ self._start[:begin, :begin].T
@@ -61,7 +63,7 @@ class Prewhitener:
         return result
 
     def whiten_again(self, signals: Array, whitened: Array, begin: int) -> None:
-        """Update `whitened` after a change of `signals`, both (..., n), from sample `begin` on."""
+        """Update `whitened` after `signals`, both (..., n), have changed from sample `begin` on."""
         if begin < min(self._order, signals.shape[-1]):
             whitened[:] = self.whiten(signals)
             return
@@ -76,9 +78,10 @@ def pooled_reflections(segments: Sequence[Array], order: int) -> tuple[Array, fl
     """Fit an autoregressive model to several segments of the same noise by Burg's method.
 
     Each reflection coefficient is computed from the forward and backward prediction errors of all
-    segments, (n_i,) each, whose mean must be 0. Short segments are therefore sufficient, and no
-    taper is needed. Segments that are not longer than `order` are ignored. Returns the reflection
-    coefficients, (order,) between -1 and 1, and the standard deviation of the innovations.
+    segments. So short segments are sufficient, and no taper is needed. A segment has the shape
+    (n_i,), and its mean must be 0. Segments that are not longer than `order` are ignored. Returns
+    the reflection coefficients, (order,) between -1 and 1, and the standard deviation of the
+    innovations.
 
     Raises
     ------
@@ -107,7 +110,7 @@ def pooled_reflections(segments: Sequence[Array], order: int) -> tuple[Array, fl
     if len(kept) == 1:
         _, reflections = burg(kept[0], order)
         return reflections, math.sqrt(max(power * float(np.prod(1 - reflections**2)), 0.0))
-    # Store all segments in one array, padded with zeros that are never used.
+    # Store all segments in one array, padded with zeros, which the mask `valid` excludes.
     longest = max(map(len, kept))
     forward = np.zeros((len(kept), longest))
     for row, segment in zip(forward, kept, strict=True):

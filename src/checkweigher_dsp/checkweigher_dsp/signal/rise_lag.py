@@ -3,21 +3,22 @@
 r"""Lag of the samples behind the photo-eyes, measured on the rise of the load.
 
 Between t1 and t2 a product moves onto the belt. A linear system of unity gain, such as the platform
-or an amplifier, delays the rise of the load by the delay at frequency 0. Apart from this, it does
-not change the area under the signal. A clock offset has the same effect. Let the signal y be z on
-the empty belt and z + M under the full load, s the fraction of the product on the belt according to
-the photo-eyes, and l the lag: [own derivation]
+or an amplifier, delays the rise of the load by its group delay at frequency 0. Apart from this
+delay, the system does not change the area under the signal. A clock offset has the same effect. Let
+y be the signal, which is z on the empty belt and z + M under the full load. Let s be the fraction
+of the product on the belt according to the photo-eyes. Then the lag l satisfies [own derivation]
 
 .. math:: l = \frac{1}{M} \int a(t) \, \big(z + M s(t - l) - y(t)\big) \, dt + l
 
 where a is 1 during the rise and falls smoothly to 0 before and after it, so that ringing averages
-out. z and M are Hann-weighted means of the empty belt and under the full load. Nothing is assumed
-about the platform.
+out. z and z + M are Hann-weighted means of the signal of the empty belt and of the signal under the
+full load. No other property of the platform is assumed.
 
 An uneven rise also causes a lag, although the load is complete at t2. If the load after the
-fraction u of the rise time is u - k u (1 - u), this part of the lag, the bend, is k (t2 - t1) / 6.
-The residual of the signal has no area, so for small k the bend is the integral of 30 u (1 - u)
-times the residual.
+fraction u of the rise time is M (u - k u (1 - u)), an uneven rise adds k (t2 - t1) / 6 to the lag.
+This part of the lag is called the bend. The lag l makes the area of the residual
+z + M s(t - l) - y(t) zero. So for small k, the bend is the integral of 30 u (1 - u) times this
+residual, divided by M.
 """
 
 from dataclasses import dataclass
@@ -29,16 +30,17 @@ from checkweigher_core.records import WeighWindow, seconds
 from checkweigher_dsp.signal import Array
 
 PLATFORM_LAG = 5e-4  # lag 2 xi / omega of the default platform in s
-_TAPER = 0.05  # longest taper of a in s
-_EMPTY = 0.3  # longest time in s of the empty belt before an item that is used for the mean z
-_SHORTEST_EMPTY = 0.06  # shortest time in s of the empty belt that shows its vibration
-_FEWEST = 8  # fewest samples for z and for M
+_TAPER = 0.05  # longest taper of the weight a in s
+_EMPTY = 0.3  # longest duration in s of the empty-belt signal from which z is computed
+_SHORTEST_EMPTY = 0.06  # shortest duration in s of an empty-belt signal that shows the vibration
+_FEWEST = 8  # least number of samples for z, and for z + M
 _ROUNDS = 10
-_CLOSE = 1e-5  # change of the lag in s below which the iteration ends
+# Change of the lag in s below which the iteration ends.
+_CLOSE = 1e-5
 # Fraction of the vibration under the full load that counts as noise. Most of this vibration is
 # ringing, which averages out.
 _LEVEL_SHARE = 0.25
-# Standard deviations of lag and bend in s that are caused by the impact of a product.
+# Standard deviations in s of the lag and of the bend due to the impact of a product.
 _SYSTEMATIC = 1e-4
 _SYSTEMATIC_BEND = 8e-4
 
@@ -77,8 +79,8 @@ def rise_lag(force: Array, time: Array, rise_time: float, transit: float) -> Ris
     Returns
     -------
     RiseLag
-        Lag and bend. Their standard deviations are computed from the noise of the empty belt and a
-        part of the noise under the full load.
+        Lag and bend. Their standard deviations are computed from the noise of the empty belt, a
+        part of the noise under the full load, and the effect of the impact of a product.
 
     Examples
     --------
@@ -136,7 +138,7 @@ def lag_of(window: WeighWindow) -> RiseLag:
 def _weights(
     time: Array, rise_time: float, transit: float, lag: float
 ) -> tuple[Array, Array, Array] | None:
-    """Return the weights of the samples in z, in M, and in M times the correction of the lag.
+    """Return the weights of the samples that give z, M, and M times the correction of the lag.
 
     The weights are (n,) each. Returns None if there are too few samples of the empty belt or of the
     full load.
@@ -169,9 +171,10 @@ def _limited(values: Array) -> Array:
 
 
 def _noise(force: Array) -> tuple[Array, float]:
-    """Return the noise of `force`, (n,), with a taper, and the power of the taper.
+    """Return the noise of `force`, (n,), multiplied by a taper, and the power of the taper.
 
-    With the taper, the noise may be shorter than the weights of a sum.
+    The noise is the difference from the mean. Because of the taper, it may be shorter than the
+    weights that `_rms` applies to it.
     """
     noise = force - np.add.reduce(force) / len(force)
     taper = np.sin((np.arange(len(force)) + 0.5) * (math.pi / len(force)))
@@ -179,7 +182,10 @@ def _noise(force: Array) -> tuple[Array, float]:
 
 
 def _rms(noise: tuple[Array, float], weights: Array) -> float:
-    """Return the root mean square of a sum of such a noise, weighted by `weights`, (m,)."""
+    """Return the root mean square of a weighted sum of noise with the given weights, (m,).
+
+    `noise` is a result of `_noise`.
+    """
     tapered, power = noise
     seen = np.correlate(tapered, weights, 'full')
     return math.sqrt(float(seen @ seen) / power)
