@@ -35,7 +35,7 @@ from checkweigher_dsp.signal.averages import hann_mean
 _gain = partial(parameter, minimum=0, maximum=10)
 _threshold = partial(parameter, unit='threshold_unit', minimum=0)
 
-PADDINGS = ('continuation', 'level', 'mirror', 'signal')  # described at `Denoiser` and `pad`
+PADDINGS = ('continuation', 'level', 'mirror', 'signal')  # see `Denoiser` and `pad`
 METHODS = ('shrinkage', 'soft', 'hard')
 
 
@@ -52,7 +52,8 @@ class DenoiseParameters(Parameters):
     )
     each_level: bool = parameter(
         False,
-        'whether soft and hard estimate the noise in each level, instead of in the finest one',
+        'whether soft and hard thresholding estimate the noise in each level; false: only in the '
+        'finest level',
     )
     speeds: tuple[float, ...] = parameter(
         UNTRAINED.speeds,
@@ -78,7 +79,7 @@ class DenoiseParameters(Parameters):
     )
     surround: str = parameter(
         'continuation',
-        'kind of padding around the window, up to the length of stretch',
+        'kind of padding that extends each window on both sides to the length stretch',
         choices=PADDINGS,
     )
     stretch: int = parameter(
@@ -90,36 +91,41 @@ class DenoiseParameters(Parameters):
     )
     natural_frequency: tuple[float, ...] = parameter(
         (38.0,),
-        'natural frequency of the empty platform for continuation: one value, or one per speed',
+        'natural frequency of the empty platform, for the padding continuation; one value, or one '
+        'per speed',
         unit='Hz',
         minimum=0.1,
         maximum=1e4,
     )
     damping_ratio: tuple[float, ...] = parameter(
         (0.06,),
-        'damping ratio of the empty platform for continuation: one value, or one per speed',
+        'damping ratio of the empty platform, for the padding continuation; one value, or one per '
+        'speed',
         minimum=0,
         maximum=0.99,
     )
     moving_mass: float = parameter(
         2.5,
-        'moving mass of the empty platform for continuation, without the product',
+        'moving mass of the empty platform without the product, for the padding continuation',
         unit='kg',
         minimum=1e-3,
         maximum=1e4,
     )
     prediction_order: int = parameter(
-        40, 'order of the model that continues the disturbance', minimum=0, maximum=1000
+        40,
+        'order of the linear prediction of the disturbance, for the padding continuation',
+        minimum=0,
+        maximum=1000,
     )
     iterations: int = parameter(
         1,
-        'number of refinements of the level that is subtracted for continuation',
+        'number of times that the load is estimated again, for the padding continuation',
         minimum=0,
         maximum=100,
     )
     edge_uncertainty: float = parameter(
         0.0,
-        'largest error of t1 and t2 for continuation; 0: they are exact',
+        'largest error of t1 and t2, for the padding continuation; 0: the times are exact',
         unit='s',
         minimum=0,
         maximum=0.1,
@@ -145,7 +151,7 @@ class DenoiseParameters(Parameters):
 
     @cached_property
     def table(self) -> ShrinkageTable:
-        """Shrinkage table. Raises `ValueError` if its columns do not fit together."""
+        """Shrinkage table. Raises `ValueError` as described at `ShrinkageTable`."""
         return ShrinkageTable(
             self.speeds,
             (self.gamma5, self.gamma6, self.gamma7),
@@ -165,9 +171,10 @@ class DenoiseParameters(Parameters):
 
 
 def _cost(stretch: int, prediction_order: int, iterations: int) -> float:
-    """Return the longest computing time per window in s, for windows of at most half the stretch.
+    """Return the longest computing time in s of a window with at most `stretch` / 2 samples.
 
-    The coefficients were measured with blocks of one sample on one core of a computer of 2024.
+    The coefficients were measured on one core of a computer of 2024, with blocks of one sample for
+    the extrapolation.
     """
     return (iterations + 1) * (2e-4 + 3e-7 * stretch + 1e-5 * prediction_order)
 
@@ -176,15 +183,15 @@ class Denoiser:
     """Stage that denoises weigh windows by the wavelet shrinkage for their belt speed.
 
     The wavelet of level 7 is much longer than any window. So the result depends mainly on the
-    padding around the window, which the paper does not specify. docs/method.md compares several
-    kinds of padding.
+    padding around the window, which the original paper (see docs/method.md) does not specify.
+    docs/method.md also compares several kinds of padding.
 
-    The padding ``continuation`` is an own derivation. The response of the platform to the load is
-    subtracted from the signal. The remaining disturbance is extrapolated to both sides by linear
-    prediction, the load is added as a constant, and the result is denoised. A wrong load would
-    leave a step in the disturbance, so the load is estimated again from the denoised signal. If t1
-    and t2 are uncertain, they are estimated from the signal. Finally the rise of the load between
-    the times of the photo-eyes is restored.
+    The padding ``continuation`` was derived in this project. The response of the platform to the
+    load is subtracted from the signal. The remaining disturbance is extrapolated to both sides by
+    linear prediction, the load is added as a constant, and the result is denoised. A wrong load
+    would leave a step in the disturbance, so the load is estimated again from the denoised signal.
+    If t1 and t2 are uncertain, they are estimated from the signal. Finally the linear rise of the
+    load between t1 and t2, as measured by the photo-eyes, is restored.
     """
 
     def __init__(self, parameters: DenoiseParameters, failures: Failures = PRINTED) -> None:
@@ -200,7 +207,7 @@ class Denoiser:
         return self.denoise_all([window])[0]
 
     def denoise_all(self, windows: Sequence[WeighWindow]) -> list[WeighWindow]:
-        """Denoise many windows, with the same results to the last bit as one by one.
+        """Denoise many windows, with the same results to the last bit as one call for each window.
 
         Windows of equal shape are denoised together, in batches of limited size.
         """
@@ -296,8 +303,8 @@ def pad(
 ) -> tuple[Array, int]:
     """Pad windows (..., n) on both sides to a length that suits the wavelet transform.
 
-    Returns the padded windows, (..., m), and the position of the first sample of a window. The
-    length m is a multiple of 128, and at least `min_length` and ``2 n``.
+    Returns the padded windows, (..., m), and the position in them of the first sample of the
+    window. The length m is a multiple of 128, and at least `min_length` and ``2 n``.
 
     With the method ``level``, both sides are filled with the Hann-weighted mean of the window. With
     ``mirror``, the window is repeatedly reflected at its ends. With ``signal``, the left side is

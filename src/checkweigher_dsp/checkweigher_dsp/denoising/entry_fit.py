@@ -11,8 +11,9 @@ fitted to the signal: [own derivation]
    + M \delta_2 \frac{\partial r}{\partial t_2} + n,\quad \delta_i \sim N(0, u^2 / 3)
 
 y is the signal, r the response of the platform to a load of 1, M the approximate load, m the
-unknown error of M, and n the disturbance. An edge that is uniformly distributed within +-u has the
-variance u^2 / 3. The signals are block means. A prediction-error filter makes n white.
+unknown error of M, and n the disturbance. The delays of t1 and t2 relative to the photo-eyes are
+delta_1 and delta_2. An edge whose error is uniformly distributed within +-u has the variance
+u^2 / 3. The signals are block means. A prediction-error filter makes n white.
 """
 
 import math
@@ -24,8 +25,10 @@ from checkweigher_dsp.denoising.load_rise import block_responses
 from checkweigher_dsp.denoising.window_batch import WindowBatch
 from checkweigher_dsp.signal import Array
 
-_LEAST_SAMPLES = 8  # least number of white samples for the fit of the three unknowns
-# The variance of n is that of the whole signal in the first round, and then that of the residual.
+# Least number of filtered samples for the fit of the unknowns m, delta_1 and delta_2.
+_LEAST_SAMPLES = 8
+# Number of rounds of the fit. The variance of n is estimated from the whole signal in the first
+# round, and from the residual in the second round.
 _ROUNDS = 2
 _FURTHEST = 2.0  # largest shift of an edge as a multiple of its uncertainty
 
@@ -70,8 +73,8 @@ class EntryFit:
     def times(self, taps: Array | None) -> tuple[Array, Array]:
         """Return the corrected time of each sample since t1 in s and the corrected rise time.
 
-        The times are (windows, n), and the rise time t2 - t1 is (windows, 1). See `shift` for the
-        parameter.
+        The times are (windows, n), and the rise time t2 - t1 is (windows, 1). `shift` describes
+        `taps`.
         """
         shift, batch = self.shift(taps), self._batch
         t1, t2 = shift[:, :1], shift[:, 1:]
@@ -81,7 +84,8 @@ class EntryFit:
         """Return the delays of t1 and t2 relative to the photo-eyes in s, (windows, 2).
 
         `taps`, (windows, p + 1), are prediction-error filters for the block means of the
-        disturbance. If they are None or p is 0, filters for a platform under white forces are used.
+        disturbance. If `taps` is None or p is 0, filters for a platform under white-noise forces
+        are used.
         """
         shift = np.zeros((len(self._rows), 2))
         filters = self._platform_taps if taps is None or taps.shape[-1] == 1 else taps
@@ -94,7 +98,7 @@ class EntryFit:
 
 
 def platform_taps(interval: Array, natural_frequency: Array, damping_ratio: Array) -> Array:
-    """Return the filters, (windows, 3), that whiten the motion of platforms under white forces.
+    """Return filters, (windows, 3), that whiten the motion of platforms under white-noise forces.
 
     The sampling interval in s, the natural frequency in Hz and the damping ratio are (windows, 1).
 
@@ -122,7 +126,8 @@ def _fit(white: Array, uncertainty: float) -> tuple[float, float]:
     (size, *shares), (_, power, *seen), (_, _, *first), (*_, last) = white.dot(white.T).tolist()
     if not size > 0:
         return 0.0, 0.0
-    # The error of the load is free, so only the part orthogonal to the response is used.
+    # Use only the part of each signal that is orthogonal to the response, because the error m of
+    # the load has no prior distribution.
     signal, one, two = (share / size for share in shares)
     power -= signal * shares[0]
     b1, b2 = seen[0] - signal * shares[1], seen[1] - signal * shares[2]

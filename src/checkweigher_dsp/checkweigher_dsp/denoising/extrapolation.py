@@ -5,8 +5,8 @@
 The disturbance of a belt consists mainly of spectral lines, caused by the rollers, the motor and
 the oscillation of the platform. The lines continue before and after the known samples, so that an
 autoregressive model of the samples predicts them. The model describes block means at the rate
-`PREDICTION_RATE`, because only the lowest bands of the signal are kept. At this rate, an order of
-some tens spans the period of a slow spectral line.
+`PREDICTION_RATE`, because the denoising keeps only the lowest bands of the signal. At this rate, a
+model of some tens of coefficients spans the period of a slow spectral line.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ import numpy as np
 from checkweigher_dsp.signal import Array
 from checkweigher_dsp.signal.autoregression import burg
 
-PREDICTION_RATE = 240.0  # Hz
+PREDICTION_RATE = 240.0  # rate of the block means in Hz
 _LEAST_RATIO = 3  # least number of block means as a multiple of the order of a model
 _PREDICTED_AT_ONCE = 4  # maximum number of samples per step of `predict`
 
@@ -108,7 +108,8 @@ def predict(signals: Array, taps: Array, count: int) -> Array:
     while 2 * weights.shape[1] <= min(order, _PREDICTED_AT_ONCE):
         weights = _twice_as_far(weights)
     windows, width, _ = weights.shape
-    # Each row is one time, so that the samples of a step are contiguous in memory.
+    # Each row contains the samples of one time, so that the samples of a step are contiguous in
+    # memory.
     result = np.empty((windows, order + -(-count // width) * width, signals.shape[1]))
     result[:, :order] = signals[..., signals.shape[-1] - order :].swapaxes(1, 2)
     for k in range(order, result.shape[1], width):
@@ -131,9 +132,11 @@ def _twice_as_far(weights: Array) -> Array:
 def _between_centres(means: Array, block: int) -> Array:
     """Return the samples after the first block, interpolated linearly between block centres.
 
-    The values at the centres are `means` (..., blocks). The last sample is at the last centre.
+    The values at the centres are `means`, (..., blocks). The last sample is the last one before the
+    last centre.
     """
-    # Positions of samples between two centres; the centre of an even block is between two samples.
+    # Distances of the samples from the centre before them, as fractions of the distance between two
+    # centres. The centre of a block with an even number of samples is between two samples.
     share = (np.arange(block) + (block - 1) / 2 % 1) / block
     samples = means[..., :-1, np.newaxis] + np.diff(means)[..., np.newaxis] * share
     return samples.reshape(*means.shape[:-1], -1)[..., 1 + (block - 1) // 2 :]

@@ -33,8 +33,9 @@ def load_share(time: Array, rise_time: Any) -> Array:
 def load_response(time: Array, rise_time: Any, natural_frequency: Any, damping_ratio: Any) -> Array:
     r"""Return the response of a platform at rest to a product of unit mass that enters.
 
-    The equation of the platform is :math:`\ddot y = \omega^2 (f - y) - 2 \xi \omega \dot y`. The
-    response to a load that rises by 1 per second from time 0 on is
+    The equation of the platform is :math:`\ddot y = \omega^2 (f - y) - 2 \xi \omega \dot y` for a
+    load f, with the angular natural frequency omega and the damping ratio xi. The response to a
+    load that rises by 1 per second from time 0 on is
 
     .. math:: r(t) = t - \frac{2 \xi}{\omega} - \frac{1}{\omega_d} e^{-\xi \omega t}
        \sin(\omega_d t - 2 \arcsin \xi),\quad \omega_d = \omega \sqrt{1 - \xi^2}
@@ -61,7 +62,7 @@ def load_response(time: Array, rise_time: Any, natural_frequency: Any, damping_r
     np.sin(swing, out=swing)
     swing *= np.exp(-damping_ratio * omega * since)
     swing /= damped
-    since -= np.sin(angle) / damped  # This equals 2 xi / omega, and cancels the swing at time 0.
+    since -= np.sin(angle) / damped  # This is 2 xi / omega, and cancels the swing at time 0.
     since -= swing
     return (since[0] - since[1]) / rise_time
 
@@ -69,12 +70,12 @@ def load_response(time: Array, rise_time: Any, natural_frequency: Any, damping_r
 def block_responses(
     time: Array, rise_time: Any, natural_frequency: Any, damping_ratio: Any
 ) -> Array:
-    r"""Return the block means of a response, and their derivatives with respect to t1 and t2.
+    r"""Return the block means of `load_response`, and their derivatives for t1 and t2.
 
     The rows of the result, (3, ..., n), are the mean of `load_response` in each block, and its
     partial derivatives with respect to t1 and t2 in 1/s. `time`, (..., n + 1), contains the bounds
-    of the blocks, at equal intervals. See `load_response` for the other parameters. [own
-    derivation]
+    of the blocks in s since t1, at equal intervals. See `load_response` for the other parameters.
+    [own derivation]
 
     With the pole :math:`p = -\xi \omega + i \omega_d` and :math:`q = 1 - i \xi \omega / \omega_d`
     the response r and its integral are

@@ -24,7 +24,8 @@ class ShrinkageTable:
         If there is no speed, the speeds do not ascend, or the columns differ in length.
     """
 
-    speeds: tuple[float, ...]  # belt speeds in m/s, ascending
+    # Belt speeds in m/s, ascending.
+    speeds: tuple[float, ...]
     # Gains gamma and thresholds lambda of levels 5, 6 and 7, each with one value per speed.
     gains: tuple[tuple[float, ...], ...]
     thresholds: tuple[tuple[float, ...], ...]
@@ -37,11 +38,12 @@ class ShrinkageTable:
                 raise ValueError(f'{len(row)} values for {len(self.speeds)} speeds')
 
     def at(self, speed: Any, unit: float) -> tuple[Shrinkage | None, ...]:
-        """Return the shrinkage of levels 1 to 7 at a belt speed; None for a level to remove.
+        """Return the shrinkage of levels 1 to 7 at a belt speed, with None for each removed level.
 
         Gains and thresholds are interpolated linearly between the speeds of the table, and constant
         beyond them. They have the shape of `speed`, the belt speed in m/s as a float or
-        (windows, 1). `unit` is one unit of the thresholds, in the unit of the signal.
+        (windows, 1). `unit` is the unit of the thresholds in the table, as a multiple of the unit
+        of the signal.
 
         Examples
         --------
@@ -59,7 +61,7 @@ class ShrinkageTable:
         return *[None] * (LEVELS - len(SHRUNK_LEVELS)), *shrunk
 
 
-# Table 1 of Long et al. for 30, 45, 60, 75 and 90 m/min.
+# Table for belt speeds of 30, 45, 60, 75 and 90 m/min, which is table 1 of Long et al.
 TABLE_1 = ShrinkageTable(
     speeds=(0.5, 0.75, 1.0, 1.25, 1.5),
     gains=(

@@ -3,9 +3,10 @@
 r"""Denoising by shrinkage of stationary wavelet coefficients.
 
 On a periodic signal each band of the stationary wavelet transform (SWT) is a circular convolution.
-The method keeps only the approximation and three details. So instead of the full transform, each
-detail with a threshold needs two FFTs, and a band without a threshold needs none. The results agree
-with ``pywt.swt`` and ``pywt.iswt`` (``norm=False``) except for rounding.
+The method keeps only the approximation and three details, so the full transform is not needed. In
+addition to the FFT of the signal and the inverse FFT of the result, each detail with a threshold
+needs two FFTs, and a band without a threshold needs none. The results agree with ``pywt.swt`` and
+``pywt.iswt`` (``norm=False``) except for rounding.
 """
 
 from collections.abc import Sequence
@@ -103,7 +104,8 @@ def _circular_transform(taps: Sequence[float], length: int) -> NDArray[np.comple
 def _syntheses(length: int) -> tuple[NDArray[np.complex128], Array]:
     """Return the responses of the inverse SWT, and the gain of each band from signal to result."""
     responses = band_responses(length)
-    # The inverse averages the 2**j shifted bases of level j, which explains the powers of two.
+    # The inverse is the average over the 2**j shifted bases of level j. So the responses are
+    # divided by powers of two.
     scales = 2.0 ** -np.array([*range(1, LEVELS + 1), LEVELS])
     syntheses = responses.conj() * scales[:, None]
     powers = (responses * syntheses).real
@@ -173,7 +175,8 @@ def threshold_universally(
 
     sigma and n are computed from the part `measured` of the signal, because the padding around it
     contains no noise. With `each_level`, sigma is computed for each level, for noise that is not
-    white. Otherwise it is computed from level 1. Signal and result are as in `denoise_periodic`.
+    white. Otherwise it is computed from level 1. See `denoise_periodic` for `stretch` and for the
+    result.
 
     References
     ----------

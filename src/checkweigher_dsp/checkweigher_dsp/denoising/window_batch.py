@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Batches of weigh windows of equal shape, which are denoised together.
 
-A single window is a batch of one. All operations are element by element or along the last axis. So
+A single window is a batch of one. All operations work element by element or along the last axis. So
 the result of a window is the same in any batch, to the last bit.
 """
 
@@ -19,15 +19,15 @@ from checkweigher_dsp.denoising.wavelet_shrinkage import LEVELS
 from checkweigher_dsp.signal import Array
 
 _PERIOD = 2**LEVELS
-# The number of used samples before t2 is a multiple of this number, which limits the variety of
-# shapes.
+# The number of used samples before t2 is a multiple of this number, so that windows have few
+# different shapes.
 _LEAD_STEP = 16
 _SAMPLES_AT_ONCE = 2**20  # maximum number of samples of the padded windows of a batch
 
 
 @dataclass(frozen=True, slots=True)
 class WindowBatch:
-    """Windows of equal shape, from the used samples before t2 up to t3."""
+    """Windows of equal shape, which contain the used samples before t2 and all samples up to t3."""
 
     positions: tuple[int, ...]  # positions in the list of windows
     force: Array  # signal in kg, (windows, n)
@@ -78,7 +78,7 @@ def batches_of(windows: Sequence[WeighWindow], min_length: int) -> list[WindowBa
 def _in_parts(
     shapes: Mapping[tuple[int, ...], list[int]], min_length: int
 ) -> Iterator[tuple[tuple[int, ...], list[int]]]:
-    """Yield each shape with the positions of its windows, in parts that limit the memory."""
+    """Yield each shape with the positions of its windows, in parts of limited size."""
     for shape, positions in shapes.items():
         _, begin, _, count = shape
         most = max(1, _SAMPLES_AT_ONCE // padded_length(min_length, count - begin))
