@@ -13,12 +13,12 @@ from checkweigher_dsp.items.item import YET_TO_LEAVE, State, TrackedItem
 
 _OVERDUE = 1.5  # ratio to the usual transit above which an item is overdue or an outlier
 _TOO_EARLY = 0.1  # largest relative deviation of an outfeed edge from the usual transit
-_KNOWN_ITEMS = 16  # maximum numbers of stored recent items and of stored given-up items
+_KNOWN_ITEMS = 16  # maximum number of stored recent items, and of stored given-up items
 _MOST_ITEMS = 100  # maximum number of items on the belt; only chatter of an eye causes more
 
 
 class UsualTransit:
-    """Usual time of an item between both eyes. `ItemTracker` describes the parameters."""
+    """Usual transit, the time t3 - t1 of an item. `ItemTracker` describes the parameters."""
 
     def __init__(self, max_transit: int, belt_lengths: float) -> None:
         self.max_transit = max_transit
@@ -27,14 +27,14 @@ class UsualTransit:
 
     def forget(self) -> None:
         """Discard the usual transit, because the belt speed may have changed."""
-        self.value: int | None = None  # last accepted transit in ns, of an item without faults
+        self.value: int | None = None  # last accepted transit in ns
         self._outlier: int | None = None
 
     def of(self, item: TrackedItem) -> int | None:
         """Return the expected transit of an item in ns, or None if it is unknown.
 
-        Until the first item without faults has left, the transit is estimated from the time for
-        which this item blocked the infeed eye.
+        Until an item without faults has left, the transit of `item` is estimated from the time for
+        which `item` blocked the infeed eye.
         """
         if self.value is None and self._belt_lengths and item.length > 0:
             return min(round(item.length * self._belt_lengths), self.max_transit)
@@ -43,7 +43,8 @@ class UsualTransit:
     def learn(self, item: TrackedItem, transit: int) -> None:
         """Update the usual transit by the transit of an item in ns.
 
-        A very different transit is an outlier. It becomes usual only if the next item confirms it.
+        A transit that differs from the usual transit by a factor above 1.5 is an outlier. It
+        becomes the usual transit only if the next item confirms it.
         """
         known = [usual for usual in (self.value, self._outlier) if usual is not None]
         item.outlier = self.value is not None and not any(
@@ -86,7 +87,7 @@ class Belt:
 
     eyes: Eyes
     transit: UsualTransit
-    count: int  # number of the last item
+    count: int  # number of the newest item
     unloaded: Callable[[int, int], bool] = lambda since, stamp: False
 
     def __post_init__(self) -> None:
@@ -100,11 +101,13 @@ class Belt:
         self.entered_last: TrackedItem | None = None
         self.left_last: TrackedItem | None = None
         self.begun: TrackedItem | None = None  # latest item with t1, kept when the clock changes
-        self.freed: int | None = None  # latest departure in ns, possibly of an unknown item
-        # Time in ns of a clearing edge before any blocking edge of the infeed eye. Such an edge may
+        # Time in ns of the latest departure, possibly of an unknown item.
+        self.freed: int | None = None
+        # Time in ns at which the infeed eye cleared before its first blocking edge. The edge may
         # only show the initial state of the eye.
         self.cleared_first: int | None = None
-        self.clock_is_new = False  # whether the infeed eye had no edge since the clock changed
+        # Whether the infeed eye has had no edge since the clock changed.
+        self.clock_is_new = False
         # Whether abandoned items are still on the belt, because only the clock has jumped.
         self.runs_on = False
         self.recent: deque[TrackedItem] = deque(maxlen=_KNOWN_ITEMS)
@@ -159,7 +162,7 @@ class Belt:
         return finished
 
     def miss(self, item: TrackedItem, stamp: int) -> None:
-        """Give up an item that was removed from `items`, because its outfeed edge is missing."""
+        """Give up an item, which must not be in `items`, because its outfeed edge is missing."""
         item.fault(Reason.MISSING_EDGE)
         item.given_up = stamp
         if item is self.at_infeed:
@@ -215,12 +218,12 @@ class Belt:
             self.eyes.forget_clock()
 
     def fault_all(self, reason: Reason) -> None:
-        """Add a reason why no item on the belt can be weighed."""
+        """Add a fault to all items on the belt."""
         for item in self.items:
             item.fault(reason)
 
     def clear(self, edge: EyeEdge) -> None:
-        """Mark the eye of an edge as clear. At the outfeed, this ends the previous departure."""
+        """Mark the eye of a clearing edge as clear. At the outfeed eye, the item has left."""
         if edge.eye == Eye.INFEED:
             self.at_infeed = None
             return

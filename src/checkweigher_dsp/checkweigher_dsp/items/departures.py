@@ -9,7 +9,10 @@ from checkweigher_dsp.items.item import TrackedItem
 
 
 def departure_before(belt: Belt, stamp: int) -> int | None:
-    """Return when the item ahead of one that enters at `stamp` leaves, in ns; None if unknown."""
+    """Return the departure time in ns of the item ahead of an item that enters at `stamp` in ns.
+
+    The result is None if the departure time is unknown.
+    """
     if belt.covered:
         return None
     if belt.at_outfeed is not None:
@@ -18,7 +21,7 @@ def departure_before(belt: Belt, stamp: int) -> int | None:
 
 
 def last_departure(belt: Belt, stamp: int) -> int | None:
-    """Return the time in ns of the last departure, at most `stamp`, or None if it is unknown."""
+    """Return the time in ns of the last departure, limited to `stamp`, or None if unknown."""
     items = *belt.given_up, belt.left_last
     departures = [belt.freed, *(item.departure for item in items if item is not None)]
     last = max((each for each in departures if each is not None), default=None)
@@ -26,7 +29,7 @@ def last_departure(belt: Belt, stamp: int) -> int | None:
 
 
 def is_next_departure(belt: Belt, stamp: int) -> bool:
-    """Return whether the next item on the belt is expected to clear the outfeed eye at `stamp`.
+    """Return whether the first item on the belt is expected to clear the outfeed eye at `stamp`.
 
     If so, the edge with which this item blocked the eye was lost.
     """
@@ -45,7 +48,8 @@ def is_none_due(belt: Belt, stamp: int) -> bool:
 def take_leaving(belt: Belt, stamp: int) -> TrackedItem:
     """Remove and return the item that an outfeed edge belongs to, and give up the items before it.
 
-    The edge is assigned to the item whose transit is then nearest to the expected transit.
+    The edge at `stamp`, in ns, is assigned to the item whose transit up to this edge is nearest to
+    its expected transit.
     """
     deviations = {0: math.inf}
     for i, candidate in enumerate(belt.items):

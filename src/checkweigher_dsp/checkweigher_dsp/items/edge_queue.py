@@ -41,7 +41,7 @@ class EdgeQueue:
             insort(self._edges, edge, key=_STAMP)
 
     def put_back(self, edges: Iterable[EyeEdge]) -> None:
-        """Add edges without a check whether they are strays."""
+        """Add edges without checking whether they are strays."""
         self._edges = sorted([*edges, *self._edges], key=_STAMP)
         self._newest = max([self._newest, *(edge.stamp for edge in self._edges[-1:])])
 

@@ -30,9 +30,10 @@ class Eyes:
         self.origin: int | None = None  # start of the stream in ns
         self.newest: int | None = None  # largest stamp in ns since the clock last changed
         self._max_transit = max_transit
-        self._known: OrderedDict[EyeEdge, None] = OrderedDict()  # faster to search than a deque
-        self.youngest: dict[Eye, EyeEdge] = {}  # edge with the largest stamp
-        self.latest: dict[Eye, EyeEdge] = {}  # edge that arrived last
+        # Recent edges, in a dictionary because it is faster to search than a deque.
+        self._known: OrderedDict[EyeEdge, None] = OrderedDict()
+        self.youngest: dict[Eye, EyeEdge] = {}  # edge of each eye with the largest stamp
+        self.latest: dict[Eye, EyeEdge] = {}  # edge of each eye that arrived last
         self._first: dict[Eye, int] = {}
 
     @property
@@ -59,7 +60,7 @@ class Eyes:
     def flickers(self, switch: Switch) -> bool:
         """Return whether an edge is chatter, because it follows the previous edge too soon.
 
-        The limit is the debounce time, or twice this time if the edge between the two was lost.
+        The limit is the debounce time, or twice this time if an edge between both edges was lost.
         """
         previous = switch.previous
         if previous is None:
@@ -70,9 +71,9 @@ class Eyes:
     def shows_state(self, stamp: int) -> bool:
         """Return whether an eye that clears at `stamp`, in ns, only shows its initial state.
 
-        The edge is the first edge of the eye. It shows the initial state if it is at most one
-        transit before or one debounce time after the first sample, or within one debounce time of
-        the first edge of the other eye.
+        The clearing edge is the first edge of the eye. It only shows the initial state if it is
+        less than `max_transit` before or at most `debounce` after the first sample, or if it is
+        within `debounce` of the first edge of the other eye.
         """
         if self.origin is not None and -self._max_transit < stamp - self.origin <= self.debounce:
             return True
@@ -80,7 +81,7 @@ class Eyes:
         return both and abs(self._first[Eye.INFEED] - self._first[Eye.OUTFEED]) <= self.debounce
 
     def forget_clock(self) -> None:
-        """Discard the edges except the states of both eyes, because the clock has changed."""
+        """Discard all edges after a change of the clock, but keep the states of both eyes."""
         self._known.clear()
         self.latest.clear()
         for eye, edge in self.youngest.items():

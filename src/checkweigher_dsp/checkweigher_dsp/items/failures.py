@@ -35,7 +35,7 @@ class Failures:
         items: Iterable[A],
         *more: Iterable[Any],
     ) -> list[B]:
-        """Process items one by one, with `more` arguments for each, and return the results."""
+        """Apply `work` to each item and its arguments from `more`, and return the results."""
         results = []
         for item, *others in zip(items, *more, strict=True):
             try:

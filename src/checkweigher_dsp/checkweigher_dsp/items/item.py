@@ -33,13 +33,15 @@ class TrackedItem:
     t4: int | None = None  # The item has left.
     # Reasons why the item cannot be weighed, as a set in the order of their detection.
     faults: dict[Reason, None] = field(default_factory=dict)
-    left_before: int | None = None  # departure of the previous item; after t1 if `others_there`
+    # Time at which the previous item left. With `others_there`, it may be after t1.
+    left_before: int | None = None
     others_there: bool = False  # whether another item may have been at the outfeed eye at t1
     usual_transit: int | None = None  # usual transit when the item began to leave
     given_up: int | None = None  # time at which the item was given up
     outlier: bool = False  # whether the transit differs much from that of earlier items
     state: State = State.ON_BELT
-    # Lag of the load behind the edges, or None before the rise of the load is compared with them.
+    # Lag of the load behind the edges, or None before the rise of the load is compared with the
+    # edges.
     shift: int | None = None
     shift_std_dev: float = 0.0  # standard deviation of the shift in s
 

@@ -27,8 +27,8 @@ class ItemTracker:
 
     An eye that clears for less than `debounce`, in ns, chatters. An item that has not reached the
     outfeed eye after `max_transit`, in ns, is given up. `count` is the number of the last item
-    before this tracker. `belt_lengths` is the length of the belt divided by that of a product, or
-    0 if it is unknown. See `Belt` for `unloaded`.
+    before this tracker was created. `belt_lengths` is the length of the belt divided by the length
+    of a product, or 0 if the latter is unknown. See `Belt` for `unloaded`.
     """
 
     def __init__(

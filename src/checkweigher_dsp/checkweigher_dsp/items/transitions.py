@@ -59,7 +59,7 @@ def apply_edge(belt: Belt, edge: EyeEdge) -> None:
 
 
 def settle_first(belt: Belt) -> None:
-    """Add the item of the first edge of the infeed eye, unless it only showed the initial state."""
+    """Add the item of the first infeed edge, unless the edge only showed the initial state."""
     stamp, belt.cleared_first = belt.cleared_first, None
     if stamp is not None and not belt.eyes.shows_state(stamp):
         _put_unseen(belt, stamp, Reason.START_UP)
@@ -77,9 +77,9 @@ def _put_unseen(belt: Belt, stamp: int, reason: Reason) -> TrackedItem:
 def settle(belt: Belt, stamp: int) -> list[TrackedItem]:
     """Return the items whose numbers can no longer change after `stamp` in ns.
 
-    A number changes if the newest item turns out to be a flicker of the previous item. Such an item
-    has blocked the infeed eye for less than two debounce times, and no flicker comes more than two
-    debounce times later.
+    A number changes if the newest item turns out to be a flicker of the eye at the end of the
+    previous item. A flicker blocks the infeed eye for less than two debounce times. It can continue
+    only within two debounce times after the eye has cleared.
     """
     settled = []
     while belt.unsettled and _is_settled(belt, belt.unsettled[0], stamp):
@@ -100,7 +100,10 @@ def _is_settled(belt: Belt, item: TrackedItem, stamp: int) -> bool:
 
 
 def _merge_flicker(belt: Belt) -> None:
-    """Merge an item that was too short into the previous item, whose clearing edge was lost."""
+    """Merge the newest item into the previous item if the newest item is a flicker of the eye.
+
+    It is a flicker if it is too short and the clearing edge of the previous item was lost.
+    """
     others = [*belt.given_up, *belt.items[:-1]]
     if not belt.items or not others or belt.items[-1].item_id != belt.count:
         return
@@ -140,7 +143,8 @@ def _longest_departure(belt: Belt, item: TrackedItem, stamp: int) -> int:
     known = not item.outlier and not set(item.faults) - {Reason.DISTANCE_FAULT}
     span = max(item.length if known else 0, belt.eyes.debounce)
     if item is belt.at_outfeed and is_none_due(belt, stamp):
-        # The edge with which the item cleared the eye was lost.
+        # No other item can have caused the edge. So this item is still at the eye, or the edge with
+        # which it cleared the eye was lost.
         span = max(span, 2 * item.length or belt.transit.value or 0)
     return span
 
@@ -194,7 +198,7 @@ def _keep_first(belt: Belt, switch: Switch) -> bool:
 
 
 def _extend_entry(belt: Belt, switch: Switch) -> TrackedItem | None:
-    """Move the clearing edge of the last item if the eye has flickered."""
+    """Move t2 of the last item to this edge if the eye has flickered."""
     item = belt.entered_last
     if item is None or item.t2 is None:
         return None
@@ -228,7 +232,7 @@ def _enter_unseen(belt: Belt, switch: Switch) -> TrackedItem:
 
 
 def _cover(belt: Belt, switch: Switch) -> bool:
-    """Mark the eye as blocked by an unknown item again if the eye flickers."""
+    """Mark the eye as blocked again by an unknown item if the eye flickers."""
     if belt.left_last is not None or not belt.eyes.flickers(switch):
         return False
     belt.covered = True
@@ -253,14 +257,14 @@ def _leave_again_beside(belt: Belt, switch: Switch) -> TrackedItem | None:
 
 
 def _leave_late(belt: Belt, switch: Switch) -> TrackedItem | None:
-    """Begin the departure of an item that was given up if no item on the belt can leave yet."""
+    """Begin the departure of a given-up item if no item on the belt can leave yet."""
     on_belt = belt.items and not belt.only_entering
     gone = belt.given_up if belt.given_up or on_belt else belt.abandoned
     if not gone or not is_none_due(belt, switch.stamp):
         return None
     item = gone.popleft()
     item.t3, item.t4, item.outlier = switch.stamp, None, True
-    belt.fault_all(Reason.DISTANCE_FAULT)  # The late item was on the belt together with them.
+    belt.fault_all(Reason.DISTANCE_FAULT)  # The late item was on the belt with these items.
     return item
 
 
@@ -308,19 +312,19 @@ def _go(belt: Belt, switch: Switch) -> TrackedItem | None:
 
 
 def _uncover(belt: Belt, switch: Switch) -> bool:
-    """Clear the eye if the edge only shows its state, or if an unknown item blocked it."""
+    """Clear the eye if the edge only shows its initial state, or if an unknown item blocked it."""
     return (_show_state(belt, switch) or belt.covered) and _free(belt, switch)
 
 
 def _go_again(belt: Belt, switch: Switch) -> TrackedItem | None:
-    """Move the clearing edge of the last item if it was still at the eye."""
+    """Move t4 of the last item to this edge if the item was still at the eye."""
     if item := _last_at_outfeed(belt, switch):
         belt.freed = item.t4 = switch.stamp
     return item
 
 
 def _go_beside(belt: Belt, switch: Switch) -> bool:
-    """Process the departure of an unknown item while another item enters."""
+    """Store the departure of an unknown item, and add a fault to the item that enters."""
     if not belt.only_entering:
         return False
     _go_before_start(belt, switch)
@@ -343,7 +347,7 @@ def _go_unseen(belt: Belt, switch: Switch) -> TrackedItem | None:
 def _go_before_start(belt: Belt, switch: Switch) -> None:
     belt.freed = switch.stamp
     if switch.previous is None:
-        belt.fault_all(Reason.START_UP)  # An item has left that entered before the start.
+        belt.fault_all(Reason.START_UP)  # An item that entered before the start has left.
 
 
 def _free(belt: Belt, switch: Switch) -> bool:
