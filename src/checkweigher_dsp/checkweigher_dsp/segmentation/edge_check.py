@@ -3,8 +3,8 @@
 """Check of the photo-eye edges of each item by the rise of the load in the signal.
 
 The load lags behind the edges by a constant time because of the filter of the amplifier, different
-clocks, or a displaced or debounced eye. A window that is cut by the edges would then contain a part
-of the rise or of the fall of the load.
+clocks, or a displaced or debounced eye. Without a correction, a window that is cut at the edges
+would contain a part of the rise or of the fall of the load.
 """
 
 from collections import deque
@@ -14,15 +14,18 @@ from statistics import median
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.signal.rise_lag import RiseLag
 
-_SURE = 4.0  # standard deviations by which a significant value differs from 0
-# The lag of an item is replaced by the usual lag if both differ by less than this number of
-# standard deviations. The second number is used if the lag of the item would shift its window.
+# Number of standard deviations by which a significant value differs from 0.
+_SURE = 4.0
+# The lag of an item is replaced by the usual lag if both differ by at most `_LIKELY` standard
+# deviations. If the lag of the item would shift its window, the limit is `_ALIKE`.
 _LIKELY = 2.5
 _ALIKE = 1.0
 _LEAST_SHIFT = 6e-4  # smallest shift of a window in s; the lags of platforms differ by up to 5e-4
-_SHARE = 0.02  # variation of the rise time between items, as a fraction of the rise time
-# Largest distance from the stated lag. The first term, in s, allows for filters and displaced eyes.
-# The second term, a fraction of the rise time, allows for products whose load rises unevenly.
+# Variation of the rise time between items, as a fraction of the rise time.
+_SHARE = 0.02
+# Largest difference between a lag and the stated lag. The first term, in s, allows for filters and
+# displaced eyes. The second term, a fraction of the rise time, allows for products whose load rises
+# unevenly.
 _FURTHEST = 0.01
 _FURTHEST_SHARE = 0.15
 _FEWEST = 5  # fewest items from which a lag is learned
@@ -30,7 +33,7 @@ _MOST = 25  # most items from which a lag is learned
 _LAST = 3  # number of items for the usual lag
 _RECENT = 8  # number of items that show a lasting change
 _EVEN = math.sqrt(12.0)  # width of a uniform distribution in standard deviations
-_SAME = 0.1  # largest relative difference of belt speed and length within a type of product
+_SAME = 0.1  # largest relative difference in belt speed and in length between items of a kind
 
 
 class EdgeCheck:
@@ -44,9 +47,11 @@ class EdgeCheck:
 
     def __init__(self, parameters: SegmenterParameters) -> None:
         self._parameters = parameters
-        self.checked = self.unchecked = 0  # numbers of items with and without a visible rise
-        # Standard deviation of the last shift in s. An uneven rise of the load (a bend) explains a
-        # part of a lag. All shifts from that with this part to that without it are equally likely.
+        # Numbers of items with and without a visible rise of the load.
+        self.checked = self.unchecked = 0
+        # Standard deviation of the last shift in s. An uneven rise of the load (a bend) may explain
+        # a part of the lag. The shift is assumed to be uniformly distributed between its value with
+        # this part and its value without this part.
         self.shift_std_dev = 0.0
         self.forget()
 

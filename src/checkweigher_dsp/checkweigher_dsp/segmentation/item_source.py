@@ -55,12 +55,12 @@ class ItemSource:
         return announced
 
     def add(self, edge: EyeEdge) -> list[TrackedItem]:
-        """Add an edge, and return the items that are finished by edges whose samples arrived."""
+        """Add an edge, and return the items finished by edges whose samples have arrived."""
         self.queue.add(edge)
         return self._reached()
 
     def advance(self) -> list[TrackedItem]:
-        """Track edges whose samples have arrived, and return the items finished or given up."""
+        """Process edges whose samples have arrived, and return the items finished or given up."""
         buffer, tracker = self._buffer, self.tracker
         tracker.eyes.origin = buffer.origin
         self.queue.admit_strays()  # The new samples show that the clock has not changed.

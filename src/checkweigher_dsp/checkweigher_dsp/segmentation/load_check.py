@@ -13,26 +13,27 @@ from numpy.typing import NDArray
 
 from checkweigher_dsp.signal import Array
 
-# Largest change as a fraction of the load. The ring-down after the entry explains up to 6 %.
+# Largest change as a fraction of the load. The ring-down after the entry causes up to 6 %.
 _SHARE = 0.08
-_VIBRATION = 6.0  # largest change due to vibration, in median changes of the empty belt
-_MEMORY = 0.98  # factor by which this median decreases at most with each item
-_FEWEST = 8  # minimum number of samples
+_VIBRATION = 6.0  # largest change due to vibration, as a multiple of the median of the empty belt
+_MEMORY = 0.98  # smallest ratio of this median to its value at the previous item
+_FEWEST = 8  # least number of samples in a window or segment that is checked
 
 
 class LoadCheck:
-    """Check whether a load is steady, so that no other item enters or leaves at the same time.
+    """Check whether the load in a window is steady, so that no other item enters or leaves.
 
     The check compares the mean of the last quarter of a window with the mean of the first half. The
-    effect of vibration on this difference is the median over all segments of the empty belt that
-    have the length of the window. A median is used because an unseen item may leave the belt. If
-    the empty belt is shorter than a window, the previous median is kept. If there is none, the
-    whole empty belt is one segment. Before the first empty belt, no vibration is assumed.
+    effect of vibration on this difference is estimated as the median of its magnitude over all
+    segments of the empty belt that have the length of the window. A median is used because an
+    unseen item may leave the belt. If the signal of the empty belt is shorter than the window, the
+    previous median is kept. If there is no previous median, the whole signal of the empty belt is
+    used as one segment. Before the first signal of an empty belt, no vibration is assumed.
     """
 
     def __init__(self) -> None:
         self._shaking = 0.0  # median change of the empty belt in counts
-        self._is_of_window = False  # whether the segments had the length of a window
+        self._is_of_window = False  # whether these segments had the length of a window
 
     def is_steady(self, window: NDArray[np.int32], empty: NDArray[np.int32], zero: float) -> bool:
         """Return whether a window contains the load of only one item.
@@ -79,7 +80,11 @@ def is_unloaded(counts: NDArray[np.int32], size: int, zero: float) -> bool:
 
 
 def _changes(counts: Array, size: int) -> Array:
-    """Return the mean of the last quarter minus that of the first half of each `size` samples."""
+    """Return the mean of the last quarter minus the mean of the first half of each segment.
+
+    The segments are all runs of `size` successive samples. The shape of the result is
+    (n - size + 1,).
+    """
     half, quarter = size // 2, size // 4
     sums = np.append(0.0, np.cumsum(counts - counts[0]))
     number = len(sums) - size

@@ -40,7 +40,7 @@ class MotionCheck:
         return speed, length
 
     def check(self, item: TrackedItem) -> None:
-        """Add faults to an item. Items must be checked once, in the order of their departure."""
+        """Add faults to an item. Each item must be checked once, in the order of departure."""
         limits = self._limits
         speed, length = self.measure(item)
         known = None not in (item.t1, item.t3)

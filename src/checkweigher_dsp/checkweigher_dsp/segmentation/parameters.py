@@ -31,10 +31,12 @@ class SegmenterParameters(Parameters):
         'delays the verdict, and only gauss_markov uses it',
     )
     zero_time: float = _duration(
-        1.0, 'longest signal of the empty belt before t1 that the zero is computed from'
+        1.0, 'longest duration of the empty-belt signal before t1 from which the zero is computed'
     )
     settle_time: float = _duration(
-        0.1, 'time after an item has left that the zero ignores, because the platform rings down'
+        0.1,
+        'time after an item has left in which the signal is not used for the zero, because the '
+        'platform rings down',
     )
     zero_initial_std_dev: float = _mass(
         0.005, 'standard deviation of the change of the zero since the calibration', minimum=1e-9
@@ -51,7 +53,9 @@ class SegmenterParameters(Parameters):
         unit='kg/s',
     )
     zero_moment: float = _duration(
-        0.03, 'shortest signal of the empty belt for the zero; it includes the ring-down if it must'
+        0.03,
+        'shortest duration of the empty-belt signal for the zero; it includes the ring-down if the '
+        'signal after the ring-down is shorter',
     )
     zero_range: float = _mass(
         0.3, 'largest change of the zero since the calibration; OIML R 51 allows 4 % of Max'
@@ -61,10 +65,12 @@ class SegmenterParameters(Parameters):
     )
     zero_stability: float = _mass(
         0.1,
-        'largest difference between the means of 0.1 s of the empty belt; otherwise the zero stays',
+        'largest difference between the means of parts of 0.1 s of the empty belt; above it, the '
+        'zero is not updated',
     )
     max_belt_noise: float = _mass(
-        0.0, 'standard deviation of the empty belt above which the diagnostics warn; 0: no limit'
+        0.0,
+        'standard deviation of the empty-belt signal above which the diagnostics warn; 0: no limit',
     )
     min_belt_speed: float = _speed(
         0.1, 'lowest belt speed; an item that takes longer is a FAULT (MissingEdge)'
@@ -102,31 +108,35 @@ class SegmenterParameters(Parameters):
     )
     clock_tolerance: float = _duration(
         0.02,
-        'largest difference between the stamp of a block and the time that its index gives',
+        'largest difference between the stamp of a block and the time computed from its index; '
+        'above it, the items on the belt are a FAULT (ClockJump)',
         minimum=1e-6,
     )
     rise_lag: float = parameter(
         PLATFORM_LAG,
-        'delay of the load in the samples relative to the eyes, from the filter of the amplifier, '
-        'the clocks, and 2 xi / omega of the platform',
+        'delay of the load in the samples relative to the eyes, due to the filter of the '
+        'amplifier, the clocks, and the platform (2 xi / omega)',
         unit='s',
         minimum=-1,
         maximum=1,
     )
     rise_lag_distance: float = parameter(
         0.0,
-        'part of the delay that is proportional to 1 / belt speed, as of a misplaced infeed eye',
+        'distance that is divided by the belt speed and added to rise_lag; a misplaced infeed eye '
+        'causes it',
         unit='m',
         minimum=-1,
         maximum=1,
     )
     rise_lag_known: bool = parameter(
-        False, 'whether both were measured with such products; false: the first items give them'
+        False,
+        'whether rise_lag and rise_lag_distance were measured with such products; false: the lag '
+        'is learned from the first items',
     )
     rise_lag_tolerance: float = _duration(
         0.003,
-        'largest change of the delay, in addition to 2 % of t2 - t1, before EdgeMismatch; '
-        '0: not checked',
+        'largest change of the delay, in addition to 2 % of t2 - t1; beyond it, an item is a FAULT '
+        '(EdgeMismatch); 0: not checked',
         maximum=1,
     )
     min_window: int = parameter(
@@ -138,7 +148,7 @@ class SegmenterParameters(Parameters):
     )
 
     numbers: str = parameter(
-        '', 'file for the numbers of the items, which continue in the next run; empty: count from 1'
+        '', 'file that stores the item numbers, which continue in the next run; empty: begin at 1'
     )
 
     def __post_init__(self) -> None:
@@ -150,7 +160,7 @@ class SegmenterParameters(Parameters):
             )
 
     def check_lengths(self, load_cell: LoadCell) -> None:
-        """Raise `ParameterError` if windows or buffer need too many samples for a load cell."""
+        """Raise `ParameterError` if the windows or the buffer would need too many samples."""
         transit = seconds(self.max_transit(load_cell.weigh_length))
         window = {
             'min_belt_speed': transit,

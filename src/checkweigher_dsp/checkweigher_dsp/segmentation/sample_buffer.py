@@ -17,8 +17,9 @@ from checkweigher_core.records import NANOSECONDS, SampleBlock
 _INSTANT = 1e-3
 _ROUNDING = 1  # largest rounding error of the time of a sample in ns
 _BEGINNING = 1.0  # duration in s of the start of a stream, to which a looped recording returns
-_UNDER_WAY = 2.0  # largest delay of a repeated block in s
-# Shortest duration in s of successive old samples after which the newest indices count as wrong.
+# Largest delay of a repeated block in s.
+_UNDER_WAY = 2.0
+# Shortest duration in s of successive old samples that show that the newest indices are wrong.
 _AHEAD = 0.25
 
 
@@ -33,15 +34,16 @@ class _Anchor:
 class SampleBuffer:
     """Buffer of the last samples of a stream, with the gaps between them.
 
-    The buffer is `duration` s long, at a sample rate in Hz; no block may be longer. Blocks may come
-    twice or overlap, because known samples are ignored. If `is_restart` detects that the source has
-    started again, the caller must clear the buffer.
+    `sample_rate` is in Hz. The buffer holds `duration` in s, and no block may be longer. Blocks may
+    come twice or overlap, because known samples are ignored. If `is_restart` detects that the
+    source has started again, the caller must clear the buffer.
     """
 
     def __init__(self, sample_rate: float, duration: float) -> None:
         self.sample_rate = sample_rate
         self._capacity = max(2, math.ceil(duration * sample_rate))
-        # With twice the capacity, the samples are moved to the front only once per capacity.
+        # The array has twice the capacity, so that the samples are moved to its front only once per
+        # `_capacity` new samples.
         self._counts = np.zeros(2 * self._capacity, np.int32)
         self.clear()
 
@@ -51,8 +53,10 @@ class SampleBuffer:
         self.origin: int | None = None  # time of the first sample of the stream in ns
         self._anchors: list[_Anchor] = []
         self._gaps: list[tuple[int, int]] = []
-        self._first = 0  # index of the first sample of the stream
-        # Number of ignored samples in successive blocks, and one past the index of the last sample.
+        # Index of the first sample of the stream.
+        self._first = 0
+        # Number of ignored samples in successive blocks, and one past the index of the last ignored
+        # sample.
         self._behind = (0, 0)
 
     @property
@@ -145,7 +149,10 @@ class SampleBuffer:
         return there and not any(lost < end and begin < found for lost, found in self._gaps)
 
     def whole_from(self, begin: int, end: int) -> int:
-        """Return the index after the last lost sample in [begin, end), `begin` if none is lost."""
+        """Return the index after the last lost sample in [begin, end).
+
+        If no sample is lost, the result is `begin`, or the oldest sample if `begin` is before it.
+        """
         whole = max(begin, self.start)
         for lost_from, lost_to in self._gaps:
             if lost_from < end and lost_to > whole:

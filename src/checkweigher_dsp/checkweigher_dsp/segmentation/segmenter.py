@@ -128,11 +128,11 @@ class Segmenter:
         return self._buffer.read(begin, end) if whole else np.zeros(0, np.int32)
 
     def finish(self) -> list[WeighWindow]:
-        """End the stream, and return the windows of the items on the belt as faults."""
+        """End the stream, and return the remaining windows as `give_up` does."""
         return self.give_up(Reason.STREAM_ENDED)
 
     def give_up(self, reason: Reason) -> list[WeighWindow]:
-        """Return the windows of the items on the belt as faults with a reason."""
+        """Return the remaining windows, as faults if an item or its samples are incomplete."""
         self.cutter.take(self._source.finish_edges())
         windows = self.cutter.cut(wait=False)
         self.cutter.fault_waiting(reason)
@@ -147,7 +147,8 @@ class Segmenter:
             self.cutter.take(self._source.advance())
             windows += self.cutter.cut()
             if self.zero_keeper.is_requested:
-                # An edge may still arrive that is up to `edge_lateness` older than the samples.
+                # The span ends `edge_lateness` before the newest sample, because an edge may still
+                # arrive that late.
                 self.zero_keeper.try_to_set(self._empty_span(), self._parameters.zero_time)
         return windows
 
@@ -175,7 +176,7 @@ class Segmenter:
         return windows
 
     def _pieces(self, block: SampleBlock) -> Iterator[SampleBlock]:
-        """Yield the parts of a block, so that no sample leaves the buffer before it is used."""
+        """Yield a block in parts of 1 s, so that no sample leaves the buffer before it is used."""
         rate, counts = self.load_cell.sample_rate, block.counts
         size = max(1, int(rate * seconds(_LONGEST_PIECE)))
         for begin in range(0, len(counts), size):
@@ -183,7 +184,7 @@ class Segmenter:
             yield SampleBlock(stamp, block.first_index + begin, counts[begin : begin + size])
 
     def _empty_span(self) -> Span | None:
-        """Return the span of an empty belt that no ring-down or edge can affect, or None."""
+        """Return the span of an empty belt without ring-down and late edges, or None."""
         buffer, tracker = self._buffer, self._source.tracker
         if buffer.empty or not tracker.is_empty:
             return None

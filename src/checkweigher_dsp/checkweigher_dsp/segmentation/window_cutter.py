@@ -83,14 +83,20 @@ class WindowCutter:
         self.motion.check(item)
 
     def fault_waiting(self, reason: Reason, before: float = math.inf) -> bool:
-        """Add a fault to items that entered before a time in ns. Returns whether any exist."""
+        """Add a fault to the waiting items that entered before a time in ns.
+
+        Returns whether there are such items.
+        """
         late = [item for item in self._waiting if item.entered < before]
         for item in late:
             item.fault(reason)
         return bool(late)
 
     def cut(self, *, wait: bool = True) -> list[WeighWindow]:
-        """Return the windows of items whose samples (with `wait`, also after t3) have arrived."""
+        """Return the windows of the items whose samples have arrived.
+
+        With `wait`, the samples after t3 must have arrived too.
+        """
         found = self._failures.each(
             partial(self._cut, wait=wait),
             lambda item: self._fault(item, Reason.STAGE_FAILED),
@@ -162,7 +168,8 @@ class WindowCutter:
             return self._fault(item, Reason.DISTANCE_FAULT)
         trail_end = min(place.trail_end, buffer.end)
         is_sound = self._check_samples(end, trail_end) is None
-        # The times are exact at t2, so that an error of the sample rate does not shift the window.
+        # Compute the stamp of the window from the sample at t2, so that an error of the sample rate
+        # does not shift the window.
         lead = round((begin - first) * NANOSECONDS / cell.sample_rate)
         return WeighWindow(
             *self._identity(item),
@@ -221,7 +228,7 @@ class WindowCutter:
         return Reason.EDGE_MISMATCH if alone else Reason.DISTANCE_FAULT
 
     def _see_rise(self, item: TrackedItem, place: _Place) -> RiseLag:
-        """Return the lag of the rise of the load, unknown if it may include other items."""
+        """Return the lag of the rise of the load, which is unknown if other items may be there."""
         buffer, cell = self._buffer, self._load_cell
         entry, begin, end = place.entry, place.begin, place.end
         earliest = buffer.whole_from(entry - self._samples(_BEFORE_RISE), entry)
@@ -234,9 +241,10 @@ class WindowCutter:
         return rise_lag(force, time, seconds(place.t2 - place.t1), seconds(place.t3 - place.t1))
 
     def _alone_from(self, item: TrackedItem, first: int, begin: int, shift: int = 0) -> int:
-        """Return the index of the first sample without other items, for an item from `first` on.
+        """Return the index of the first sample at which no other item is on the belt.
 
-        It is `first` if there was no other item, and `begin` if another item may still be there.
+        The index is `first` if there was no other item, and `begin` if another item was there at t1
+        and the time of its departure is unknown.
         """
         if item.left_before is None:
             return begin if item.others_there else first
@@ -265,7 +273,7 @@ class WindowCutter:
         return None
 
     def _empty_belt(self, item: TrackedItem, entry: int) -> tuple[NDArray[np.int32], bool]:
-        """Return the samples of the empty belt before an item, and whether they are settled."""
+        """Return the samples of the empty belt before an item, and whether they are at rest."""
         buffer, parameters = self._buffer, self._parameters
         if item.others_there:
             return buffer.look_at(entry, entry), False

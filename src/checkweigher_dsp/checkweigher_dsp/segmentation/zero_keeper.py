@@ -45,7 +45,7 @@ class ZeroKeeper:
         )
         self._requested: int | None = None  # index of the first sample after the request
         self._why_not = ''
-        self.answer: ZeroAnswer | None = None  # answer to the last request, None while it waits
+        self.answer: ZeroAnswer | None = None  # answer to the last request, or None while it waits
 
     @property
     def zero(self) -> Zero:

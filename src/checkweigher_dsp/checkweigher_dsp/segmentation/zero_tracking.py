@@ -12,13 +12,15 @@ from numpy.typing import NDArray
 from checkweigher_dsp.signal import Array
 from checkweigher_dsp.signal.averages import hann_mean
 
-_SHORTEST_AVERAGE = 0.1  # shortest Hann-weighted mean in s, above the periods of belt vibration
+# Shortest duration in s of a Hann-weighted mean, above the periods of belt vibration.
+_SHORTEST_AVERAGE = 0.1
 # Least variance of a reading as a fraction of the initial variance. Without it, the filter would
 # no longer follow the zero after a signal without noise.
 _LEAST_NOISE = 1e-8
-_JUMP = 4.0  # smallest jump of the zero in standard deviations
+# Smallest change of the zero that counts as a jump, in standard deviations.
+_JUMP = 4.0
 # A part of a segment is an outlier if its distance from the median exceeds a limit. The limit is
-# the first number times the median distance plus the second number times the initial std. dev.
+# `_OUTLYING` times the median distance plus `_LEAST_OUTLYING` times the initial standard deviation.
 _OUTLYING, _LEAST_OUTLYING = 30.0, 0.02
 _PART = 0.05  # duration of a part in s
 _FEWEST_PARTS = 5  # least number of parts for the detection of outliers
@@ -123,8 +125,8 @@ class ZeroTracker:
 
     Each segment of the empty belt gives one reading, which is its Hann-weighted mean. The variance
     of the readings is estimated from the differences between the halves of many segments, so that
-    it is valid for any mixture of vibration and noise. Segments below 0.1 s have a plain mean, with
-    the variance of their samples. The filters average over many such segments.
+    it is valid for any mixture of vibration and noise. The reading of a segment shorter than 0.1 s
+    is its plain mean, with the variance of its samples. The filters average many such readings.
 
     An unseen object may be on the belt. So after the first reading, a reading that is further from
     the zero than a drift explains is not accepted until a second segment confirms it.
@@ -216,7 +218,8 @@ class ZeroTracker:
             return
         self._doubted, self._has_read = None, True
         if (reading - value) ** 2 > _JUMP**2 * (variance + noise):
-            # Reset the variances to follow a jump, because dirt has come or was removed.
+            # Reset the variances, so that the filters follow the jump. Dirt that falls on the belt
+            # or is removed causes such a jump.
             for each in self._motions:
                 each.begin()
         left = [each.correct(reading, noise, allowed) for each in self._motions]
@@ -225,7 +228,7 @@ class ZeroTracker:
         self._behind = held_back and rest**2 > _JUMP**2 * (max(left) + noise)
 
     def _is_doubtful(self, reading: float, change: float, noise: float) -> bool:
-        """Return whether a reading, with a large change from the zero, needs confirmation."""
+        """Return whether a reading differs so much from the zero that it needs confirmation."""
         drift = self._initial_variance
         if not self._has_read or change**2 <= _JUMP**2 * (drift + noise):
             return False
