@@ -24,12 +24,13 @@ from checkweigher_core.records.reasons import Reason
 _TOO_MANY_FAILED = 0.05  # fraction of failed items that causes a warning
 _FEWEST_FAILED = 2  # least number of failed items that causes a warning
 _ALL_FAIL = 5  # number of successive failed items that causes an error
-_BUSY = 0.5  # fraction of the time that causes a warning
-_BUSY_SPAN = 10.0  # period of the measurement in s
+_BUSY = 0.5  # computing time as a fraction of the time, above which a warning is given
+_BUSY_SPAN = 10.0  # period in s over which this fraction is measured
 _NOT_CONVERGED = (Reason.NO_CONVERGENCE, Reason.SPEED_NOT_TRAINED, Reason.NO_LOAD)
 _RECENT = 10  # number of items for the current median
-_USUAL = 300  # largest number of items for the usual value
-_FEWEST_USUAL = 30  # least number of items for the usual value
+_USUAL = 300  # largest number of items for the usual natural frequency
+# Least number of items for the usual natural frequency.
+_FEWEST_USUAL = 30
 # Relative change of the natural frequency that causes a warning. A product with a tenth of the
 # moving mass lowers the frequency by 5 %.
 _FREQUENCY_CHANGE = 0.2
@@ -40,7 +41,11 @@ _NO_MASSES = 3  # number of successive items without a mass that causes an error
 
 
 def failures(items: RecentItems, what: str) -> list[Concern | None]:
-    """Return an error after successive failed items, and a warning if many recent items failed."""
+    """Return an error if the last five items failed, and a warning if many recent items failed.
+
+    Each of both is None if it does not apply. `what` says what happened to the items, such as
+    'were faults'.
+    """
     in_a_row, failed = items.failed_in_a_row, items.failed
     reason = items.main_reason(in_a_row if in_a_row >= _ALL_FAIL else len(items))
     hint = Reason(reason).hint if reason in list(Reason) else 'see docs/reasons.md'
@@ -69,7 +74,7 @@ class FaultWatch:
         self._reasons.update(reasons)
 
     def finding(self, now: float) -> Finding:
-        """Return the aspect Items."""
+        """Return the finding on the aspect Items."""
         self._items.forget(now)
         values: Values = {
             'items': self._count,
@@ -97,7 +102,7 @@ class WorkloadWatch:
         self._taken.add(ended, ended - began)
 
     def finding(self, now: float) -> Finding:
-        """Return the aspect Windows."""
+        """Return the finding on the aspect Windows."""
         self._taken.forget(now)
         share = self._taken.total / _BUSY_SPAN
         values = {
@@ -138,7 +143,10 @@ class ConvergenceWatch:
                 self._usual.add(now, estimate.natural_frequency)
 
     def finding(self, now: float, max_relative_std_dev: float) -> Finding:
-        """Return the aspect Convergence by a parameter of the identifier."""
+        """Return the finding on the aspect Convergence.
+
+        `max_relative_std_dev` is a parameter of the identifier.
+        """
         for recent in (self._items, self._relative, self._frequency, self._damping, self._usual):
             recent.forget(now)
         relative, frequency = self._relative.median, self._frequency.median
@@ -203,7 +211,10 @@ class VerdictTiming:
             self._margin.add(now, (verdict.reject_at - verdict.t3) / NANOSECONDS - (now - came))
 
     def verdicts(self, now: float, verdict_margin: float, *, deadlines: bool) -> Finding:
-        """Return the aspect Verdicts by two parameters of the reject stage."""
+        """Return the finding on the aspect Verdicts.
+
+        `verdict_margin`, in s, and `deadlines` are parameters of the reject stage.
+        """
         for recent in (self._latency, self._margin, self._late):
             recent.forget(now)
         latency, margin = 1e3 * self._latency.median, self._margin.smallest
@@ -232,7 +243,10 @@ class VerdictTiming:
         return conclude('Verdicts', well, concerns, values)
 
     def line(self, now: float, missing: str) -> Finding:
-        """Return the aspect Line. `missing` is the name of a stage that does not run, or empty."""
+        """Return the finding on the aspect Line.
+
+        `missing` is the name of a stage that does not run, or empty.
+        """
         self._masses.forget(now)
         failed, in_a_row = self._masses.failed, self._masses.failed_in_a_row
         values = {'items_lately': len(self._masses), 'without_mass_lately': failed}
@@ -253,7 +267,7 @@ class VerdictTiming:
 
 
 class RejectorWatch:
-    """Statistics of the confirmations of the rejector."""
+    """Statistics of the eye behind the rejector, which confirms rejects."""
 
     def __init__(self) -> None:
         self._strays = RecentValues()
@@ -266,7 +280,11 @@ class RejectorWatch:
             self._count += count
 
     def finding(self, now: float, request: StopRequest | None, *, confirmed: bool) -> Finding:
-        """Return the aspect Rejector; `confirmed` is whether an eye is behind the rejector."""
+        """Return the finding on the aspect Rejector.
+
+        `request` is the current stop request, and `confirmed` is whether there is an eye behind the
+        rejector.
+        """
         self._strays.forget(now)
         values: Values = {
             'reject_eye_strays': self._count,

@@ -20,7 +20,11 @@ _QUARTERS = (0.25, 0.5, 0.75, 1.0)
 def learning_finding(
     known: LearnedKinds, parameters: LearningParameters, *, on: bool, trouble: str = ''
 ) -> Finding:
-    """Return the aspect Learning; `trouble` is why the learned state is not stored, or empty."""
+    """Return the finding on the aspect Learning.
+
+    `on` is whether learning is switched on. `trouble` is the reason why the learned state is not
+    stored, or empty.
+    """
     if not on:
         return Finding('Learning', Level.OK, 'off')
     concerns = [

@@ -19,16 +19,16 @@ from checkweigher_dsp.segmentation.zero_tracking import Zero
 from checkweigher_dsp.signal import Array
 
 _HOUR = 3600.0  # one hour in s
-_DRIFT_SPAN = 1800.0  # longest period for the measurement of the drift in s
-_DRIFT_PERIOD = 10.0  # interval between two readings for the drift in s
+_DRIFT_SPAN = 1800.0  # longest period in s over which the drift is measured
+_DRIFT_PERIOD = 10.0  # interval in s between two readings for the drift
 _SHORTEST_DRIFT = 300.0  # shortest period in s, below which noise may look like a drift
 _WARM_UP = 1800.0  # warm-up time of a load cell in s
-_STEP = 5.0  # change of the zero that is no drift, in standard deviations
+_STEP = 5.0  # change of the zero that is not a drift, in standard deviations
 _NEAR_LIMIT = 0.75  # fraction of zero_range that causes a warning
 _UPDATE_PATIENCE = 120.0  # longest time in s in which products pass but the zero is not updated
 _SPECTRUM = 1024  # number of samples of a spectrum
 _FEWEST_SAMPLES = 64  # least number of samples of a segment
-_LOWEST_FREQUENCY = 2.0  # lowest frequency of vibration in Hz, above a drift
+_LOWEST_FREQUENCY = 2.0  # lowest frequency of vibration in Hz; a drift is slower
 _RECENT_SEGMENTS = 5  # number of recent segments
 _USUAL_SEGMENTS = 300  # largest number of segments for the usual noise
 _FEWEST_USUAL = 20  # least number of segments for the usual noise
@@ -38,7 +38,7 @@ _NOISY = 3.0  # ratio to the usual noise that causes a warning
 class ZeroWatch:
     """Statistics of the distance of the zero from the zero of calibration, and of its drift.
 
-    `zero_range` is the largest permitted distance in kg. `began` is the time in s at which the line
+    `zero_range` is the largest permitted distance in kg. `began` is the time in s at which the node
     was started. `usual_drift` is the standard deviation of the drift in kg/s.
     """
 
@@ -56,7 +56,7 @@ class ZeroWatch:
         self._began = began
         self._usual_drift = usual_drift
         self._moved = 0.0, -math.inf  # latest sudden change of the zero in kg, and its time in s
-        self._uncertain = math.inf  # standard deviation of the latest reading for the drift in kg
+        self._uncertain = math.inf  # standard deviation in kg of the latest reading for the drift
         self._zero = Zero(math.nan, math.nan)
         self._updated = math.nan
         self._item = -math.inf
@@ -65,7 +65,7 @@ class ZeroWatch:
         self._noted = -math.inf
 
     def add(self, now: float, zero: Zero, *, item: bool) -> None:
-        """Add the zero at `now` in s; `item` is whether an item is weighed at this time."""
+        """Add the zero at `now` in s. `item` is whether an item passes at this time."""
         if zero.counts != self._zero.counts:  # The initial zero is NaN, so the first one differs.
             self._updated, self._missed_since = now, math.inf
         elif item:
@@ -79,12 +79,12 @@ class ZeroWatch:
             self._item = now
 
     def set(self) -> None:
-        """Register that a person has set the zero, whose change is no concern."""
+        """Register that a person has set the zero, so that this change causes no warning."""
         self._noted = -math.inf
         self._drift.clear()
 
     def _look_for_step(self, now: float) -> None:
-        """Record a change since the last reading that is larger than any drift."""
+        """Record a change of the zero since the last reading if it is larger than any drift."""
         before, self._uncertain = self._uncertain, self._zero.std_dev / abs(self._counts_per_kg)
         if not self._drift:
             return
@@ -103,7 +103,7 @@ class ZeroWatch:
         return _HOUR * self._drift.slope if self._drift.span >= _SHORTEST_DRIFT else math.nan
 
     def finding(self, now: float) -> Finding:
-        """Return the aspect Zero."""
+        """Return the finding on the aspect Zero."""
         self._drift.forget(now)
         distance, drift = self._distance, self.drift
         share = abs(distance) / self._range if self._range > 0 else math.nan
@@ -183,7 +183,7 @@ class BeltNoiseWatch:
         return (lowest + int(np.argmax(self._power[lowest:]))) * self._rate / _SPECTRUM
 
     def finding(self, now: float) -> Finding:
-        """Return the aspect Belt noise."""
+        """Return the finding on the aspect Belt noise."""
         self._recent.forget(now)
         self._usual.forget(now)
         noise, frequency = self._recent.median, self.frequency

@@ -29,7 +29,7 @@ class SegmenterWatch:
         self._parameters = parameters
         self._began = began
         self._load_cell: LoadCell | None = None
-        # `begin_stream` sets these three when the first load cell is known.
+        # `begin_stream` sets these three attributes when the first load cell is known.
         self._samples: SampleWatch
         self._zero: ZeroWatch
         self._noise: BeltNoiseWatch
@@ -40,7 +40,7 @@ class SegmenterWatch:
         self._stream_began = began
 
     def begin_stream(self, now: float, load_cell: LoadCell) -> None:
-        """Reset the statistics for a new stream of a load cell."""
+        """Begin a new stream. The statistics of the scale are reset if the load cell is another."""
         self._end, self._stream_began = None, now
         self._eyes.restart()
         if load_cell == self._load_cell:
@@ -91,7 +91,7 @@ class SegmenterWatch:
         self._noise.add(now, segmenter.idle_belt() / segmenter.load_cell.counts_per_kg)
 
     def findings(self, now: float, offset_of_clocks: float) -> list[Finding]:
-        """Return all aspects; `offset_of_clocks` is the time of day in s minus `now`."""
+        """Return all findings. `offset_of_clocks` is the time of day in s minus `now`."""
         self._eyes.look(now)
         if self._load_cell is None:
             missing = error_if(
@@ -112,7 +112,7 @@ class SegmenterWatch:
         ]
 
     def _stream(self, now: float) -> Finding:
-        """Return the aspect Samples. After the end of a stream, no samples are expected."""
+        """Return the finding on the aspect Samples. No samples are expected after a stream ends."""
         finding = self._samples.finding(now, now - self._stream_began)
         if self._end is None:
             return finding
@@ -123,7 +123,7 @@ class SegmenterWatch:
 
 
 def edges_finding(check: EdgeCheck) -> Finding:
-    """Return the aspect Eyes and samples."""
+    """Return the finding on the aspect Eyes and samples."""
     lag, change, reference = (_MILLI * value for value in (check.lag, check.change, check.learned))
     values = {
         'lag_beyond_stated_ms': lag,
@@ -133,7 +133,7 @@ def edges_finding(check: EdgeCheck) -> Finding:
         'items_unchecked': check.unchecked,
     }
     side = 'later' if change > 0 else 'earlier'
-    # A lag that is too large to be learned makes each item a fault, and is therefore an error.
+    # A lag that is too large to be learned makes each item a fault, so it is an error.
     too_large = math.isnan(check.learned) and check.checked >= _FEWEST
     beyond = lag if too_large else reference
     is_large = not check.is_stated and abs(beyond) > _LARGE
