@@ -13,7 +13,7 @@ fitted to the signal: [own derivation]
 y is the signal, r the response of the platform to a load of 1, M the approximate load, m the
 unknown error of M, and n the disturbance. The delays of t1 and t2 relative to the photo-eyes are
 delta_1 and delta_2. An edge whose error is uniformly distributed within +-u has the variance
-u^2 / 3. The signals are block means. A prediction-error filter makes n white.
+u^2 / 3. All signals of the fit are block means. A prediction-error filter makes n white.
 """
 
 import math
@@ -25,7 +25,7 @@ from checkweigher_dsp.denoising.load_rise import block_responses
 from checkweigher_dsp.denoising.window_batch import WindowBatch
 from checkweigher_dsp.signal import Array
 
-# Least number of filtered samples for the fit of the unknowns m, delta_1 and delta_2.
+# Minimum number of filtered samples for the fit of the unknowns m, delta_1 and delta_2.
 _LEAST_SAMPLES = 8
 # Number of rounds of the fit. The variance of n is estimated from the whole signal in the first
 # round, and from the residual in the second round.

@@ -15,7 +15,7 @@ from checkweigher_dsp.signal import Array
 from checkweigher_dsp.signal.autoregression import burg
 
 PREDICTION_RATE = 240.0  # rate of the block means in Hz
-_LEAST_RATIO = 3  # least number of block means as a multiple of the order of a model
+_LEAST_RATIO = 3  # minimum ratio of the number of block means to the order of the model
 _PREDICTED_AT_ONCE = 4  # maximum number of samples per step of `predict`
 
 
@@ -87,9 +87,9 @@ def block_means(signal: Array, block: int) -> Array:
 def predict(signals: Array, taps: Array, count: int) -> Array:
     """Predict the next `count` samples of signals.
 
-    Each window has m signals, (windows, m, n), that share a model. `taps`, (windows, p + 1), are
-    the prediction-error filters, which begin with 1. The order p is at most n. The result is
-    (windows, m, count).
+    Each window contains m signals, (windows, m, n), that share a model. `taps`, (windows, p + 1),
+    are the prediction-error filters, whose first tap is 1. The order p is at most n. The result has
+    the shape (windows, m, count).
 
     Notes
     -----

@@ -45,7 +45,7 @@ class WindowBatch:
 
 
 def batches_of(windows: Sequence[WeighWindow], min_length: int) -> list[WindowBatch]:
-    """Sort consistent windows by shape into batches.
+    """Group consistent windows of equal shape into batches.
 
     A padded window has at least `min_length` samples, of which at most half are before t2.
     """
@@ -117,8 +117,8 @@ def transit(window: WeighWindow) -> float:
 def time_since_entry(window: WeighWindow, begin: int = 0, end: int | None = None) -> Array:
     """Return the time since t1 in s of the samples with positions in [begin, end).
 
-    The sample at ``window_begin`` is taken to be within one interval after t2, even if its stamp is
-    wrong.
+    The sample at ``window_begin`` is assumed to be within one sampling interval after t2, even if
+    its stamp is wrong.
     """
     first, interval = window.window_begin, 1 / window.sample_rate
     after = first * interval - ((window.t2 or 0) - window.stamp) / NANOSECONDS
@@ -130,7 +130,7 @@ def time_since_entry(window: WeighWindow, begin: int = 0, end: int | None = None
 def denoised_pass(window: WeighWindow) -> tuple[Array, Array]:
     """Return the denoised signal of a window in kg and the fraction of the product on the belt.
 
-    Both are (n,), from the first denoised sample up to t3. The fraction is 1 after t2.
+    Both have the shape (n,), from the first denoised sample up to t3. The fraction is 1 after t2.
     """
     begin, end = window.window_begin, window.window_end
     missing = int(np.count_nonzero(np.isnan(window.denoised[:begin])))

@@ -22,14 +22,14 @@ from checkweigher_core.records import NANOSECONDS, MassEstimate, StopRequest, Ve
 from checkweigher_core.records.reasons import Reason
 
 _TOO_MANY_FAILED = 0.05  # fraction of failed items that causes a warning
-_FEWEST_FAILED = 2  # least number of failed items that causes a warning
+_FEWEST_FAILED = 2  # minimum number of failed items that causes a warning
 _ALL_FAIL = 5  # number of successive failed items that causes an error
 _BUSY = 0.5  # computing time as a fraction of the time, above which a warning is given
 _BUSY_SPAN = 10.0  # period in s over which this fraction is measured
 _NOT_CONVERGED = (Reason.NO_CONVERGENCE, Reason.SPEED_NOT_TRAINED, Reason.NO_LOAD)
 _RECENT = 10  # number of items for the current median
-_USUAL = 300  # largest number of items for the usual natural frequency
-# Least number of items for the usual natural frequency.
+_USUAL = 300  # maximum number of items for the usual natural frequency
+# Minimum number of items for the usual natural frequency.
 _FEWEST_USUAL = 30
 # Relative change of the natural frequency that causes a warning. A product with a tenth of the
 # moving mass lowers the frequency by 5 %.

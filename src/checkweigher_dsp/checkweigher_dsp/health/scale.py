@@ -27,11 +27,11 @@ _STEP = 5.0  # change of the zero that is not a drift, in standard deviations
 _NEAR_LIMIT = 0.75  # fraction of zero_range that causes a warning
 _UPDATE_PATIENCE = 120.0  # longest time in s in which products pass but the zero is not updated
 _SPECTRUM = 1024  # number of samples of a spectrum
-_FEWEST_SAMPLES = 64  # least number of samples of a segment
+_FEWEST_SAMPLES = 64  # minimum number of samples of a segment
 _LOWEST_FREQUENCY = 2.0  # lowest frequency of vibration in Hz; a drift is slower
 _RECENT_SEGMENTS = 5  # number of recent segments
-_USUAL_SEGMENTS = 300  # largest number of segments for the usual noise
-_FEWEST_USUAL = 20  # least number of segments for the usual noise
+_USUAL_SEGMENTS = 300  # maximum number of segments for the usual noise
+_FEWEST_USUAL = 20  # minimum number of segments for the usual noise
 _NOISY = 3.0  # ratio to the usual noise that causes a warning
 
 

@@ -19,7 +19,7 @@ _MILLI = 1e3
 _CHANGED = 1.5
 _LARGE = 2.0  # lag in ms that causes a warning
 _MANY_UNCHECKED = 0.5  # fraction of unchecked items that causes a warning
-_FEWEST = 10  # least number of items for the findings on the lag
+_FEWEST = 10  # minimum number of items for the findings on the lag
 
 
 class SegmenterWatch:

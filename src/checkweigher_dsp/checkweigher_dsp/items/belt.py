@@ -12,7 +12,7 @@ from checkweigher_dsp.items.eyes import Eyes
 from checkweigher_dsp.items.item import YET_TO_LEAVE, State, TrackedItem
 
 _OVERDUE = 1.5  # ratio to the usual transit above which an item is overdue or an outlier
-_TOO_EARLY = 0.1  # largest relative deviation of an outfeed edge from the usual transit
+_TOO_EARLY = 0.1  # largest relative deviation from the usual transit of an expected outfeed edge
 _KNOWN_ITEMS = 16  # maximum number of stored recent items, and of stored given-up items
 _MOST_ITEMS = 100  # maximum number of items on the belt; only chatter of an eye causes more
 
@@ -116,7 +116,7 @@ class Belt:
 
     @property
     def only_entering(self) -> bool:
-        """Whether the only item on the belt blocks the infeed eye."""
+        """Whether only one item is on the belt, and this item blocks the infeed eye."""
         return len(self.items) == 1 and self.items[0] is self.at_infeed
 
     def new_item(self) -> TrackedItem:

@@ -16,9 +16,10 @@ _STAMP = attrgetter('stamp')
 class EdgeQueue:
     """Edges that wait for the samples of the same time, sorted by time stamp.
 
-    The queue does not delay a window, because a window needs the samples up to its last edge. An
-    edge whose stamp is more than `lateness`, in ns, before the newest stamp is a stray. A stray
-    waits for the next samples, which show whether the edge is late or the clock has gone back.
+    The queue does not delay a window, because a window needs all samples up to its last edge
+    anyway. An edge whose stamp is more than `lateness`, in ns, before the newest stamp is a stray.
+    A stray waits for the next samples, which show whether the edge is late or the clock has gone
+    back.
     """
 
     def __init__(self, lateness: int) -> None:

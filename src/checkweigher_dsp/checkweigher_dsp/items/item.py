@@ -33,7 +33,7 @@ class TrackedItem:
     t4: int | None = None  # The item has left.
     # Reasons why the item cannot be weighed, as a set in the order of their detection.
     faults: dict[Reason, None] = field(default_factory=dict)
-    # Time at which the previous item left. With `others_there`, it may be after t1.
+    # Time at which the previous item left. With `others_there`, this time may be after t1.
     left_before: int | None = None
     others_there: bool = False  # whether another item may have been at the outfeed eye at t1
     usual_transit: int | None = None  # usual transit when the item began to leave

@@ -28,8 +28,8 @@ _SHARE = 0.02
 # unevenly.
 _FURTHEST = 0.01
 _FURTHEST_SHARE = 0.15
-_FEWEST = 5  # fewest items from which a lag is learned
-_MOST = 25  # most items from which a lag is learned
+_FEWEST = 5  # minimum number of items from which a lag is learned
+_MOST = 25  # maximum number of items from which a lag is learned
 _LAST = 3  # number of items for the usual lag
 _RECENT = 8  # number of items that show a lasting change
 _EVEN = math.sqrt(12.0)  # width of a uniform distribution in standard deviations
@@ -69,7 +69,7 @@ class EdgeCheck:
 
     @property
     def lag(self) -> float:
-        """Median lag of the last items, or NaN without items."""
+        """Median lag of up to eight last items, or NaN without items."""
         return median(self._recent) if self._recent else math.nan
 
     @property
@@ -79,7 +79,7 @@ class EdgeCheck:
 
     @property
     def change(self) -> float:
-        """Difference between the lag of the last items and `reference`, or NaN if it is unknown."""
+        """Difference between `lag` and `reference`, or NaN with fewer than eight items."""
         return self.lag - self.reference if len(self._recent) == _RECENT else math.nan
 
     def check(self, seen: RiseLag, speed: float, length: float) -> float | None:

@@ -17,7 +17,7 @@ from checkweigher_dsp.signal import Array
 _SHARE = 0.08
 _VIBRATION = 6.0  # largest change due to vibration, as a multiple of the median of the empty belt
 _MEMORY = 0.98  # smallest ratio of this median to its value at the previous item
-_FEWEST = 8  # least number of samples in a window or segment that is checked
+_FEWEST = 8  # minimum number of samples in a window or segment that is checked
 
 
 class LoadCheck:

@@ -132,7 +132,11 @@ class Segmenter:
         return self.give_up(Reason.STREAM_ENDED)
 
     def give_up(self, reason: Reason) -> list[WeighWindow]:
-        """Return the remaining windows, as faults if an item or its samples are incomplete."""
+        """Return the remaining windows.
+
+        The window of an item that is still on the belt, or whose samples have not arrived, is a
+        fault with the given reason.
+        """
         self.cutter.take(self._source.finish_edges())
         windows = self.cutter.cut(wait=False)
         self.cutter.fault_waiting(reason)

@@ -273,7 +273,10 @@ class WindowCutter:
         return None
 
     def _empty_belt(self, item: TrackedItem, entry: int) -> tuple[NDArray[np.int32], bool]:
-        """Return the samples of the empty belt before an item, and whether they exclude ring-down."""
+        """Return the samples of the empty belt before an item.
+
+        Also returns whether these samples begin after the ring-down of the previous item.
+        """
         buffer, parameters = self._buffer, self._parameters
         if item.others_there:
             return buffer.look_at(entry, entry), False

@@ -23,7 +23,7 @@ _JUMP = 4.0
 # `_OUTLYING` times the median distance plus `_LEAST_OUTLYING` times the initial standard deviation.
 _OUTLYING, _LEAST_OUTLYING = 30.0, 0.02
 _PART = 0.05  # duration of a part in s
-_FEWEST_PARTS = 5  # least number of parts for the detection of outliers
+_FEWEST_PARTS = 5  # minimum number of parts for the detection of outliers
 _MEMORY = 0.95  # factor by which the weight of older variances decreases with each segment
 _EVIDENCE_MEMORY = 0.98  # factor by which the weight of older likelihoods decreases
 _DRIFT_TIME = 600.0  # correlation time of a thermal drift in s

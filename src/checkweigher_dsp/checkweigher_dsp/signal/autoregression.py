@@ -12,8 +12,8 @@ import numpy as np
 
 from checkweigher_dsp.signal import Array
 
-# Fraction of its last sum below which an energy is summed again. At this fraction, the recursive
-# update of the energy has lost three digits.
+# The energy is summed again if it has fallen below this fraction of its last sum, because the
+# recursive update has then lost three digits.
 _LEFT = 1e-3
 
 

@@ -28,7 +28,7 @@ _STAIRS = 8
 
 @dataclass(frozen=True, slots=True)
 class Platform:
-    """Weighing platform without load."""
+    """Parameters of the weighing platform without load."""
 
     natural_frequency: float  # natural frequency in Hz
     damping_ratio: float  # damping ratio, below 1

@@ -42,8 +42,8 @@ class Prewhitener:
         # Row m gives the prediction error of sample m from all samples before it, scaled to the
         # variance 1, for m below the order.
         self._start = np.zeros((order, order))
-        # Divide the variance of the innovations by factor m to obtain the variance of the
-        # prediction error of sample m.
+        # The variance of the prediction error of sample m is the variance of the innovations
+        # divided by `remaining[m]`.
         remaining = np.cumprod((1 - np.asarray(reflections, float) ** 2)[::-1])[::-1]
         scales = np.sqrt(remaining) / std_dev
         taps = np.zeros(order + 1)
