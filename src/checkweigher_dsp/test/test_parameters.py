@@ -277,7 +277,7 @@ ONE_STATION = {'station_distances': (1.0,), 'station_delays': (0.0,)}
     ('node', 'values', 'complaint'),
     [
         ('segmenter', {'min_belt_speed': 3, 'max_belt_speed': 2}, 'min_belt_speed: 3 is not below'),
-        ('denoise', {'gamma6': (0.1, 0.2)}, 'speeds: 2 values for 5 speeds'),
+        ('denoise', {'gamma6': (0.1, 0.2)}, 'speeds: each .* needs 5 values, one per speed, not 2'),
         ('denoise', {'speeds': (1.5, 1.25, 1.0, 0.75, 0.5)}, 'speeds: speeds must ascend'),
         ('denoise', {'speeds': (0.5, 0.75, 0.75, 1.0, 1.25)}, 'speeds: speeds must ascend'),
         ('denoise', {'speeds': ()}, 'speeds: speeds must ascend'),

@@ -35,7 +35,10 @@ class ShrinkageTable:
             raise ValueError('speeds must ascend, and at least one is needed')
         for row in (*self.gains, *self.thresholds):
             if len(row) != len(self.speeds):
-                raise ValueError(f'{len(row)} values for {len(self.speeds)} speeds')
+                raise ValueError(
+                    f'each gain and threshold needs {len(self.speeds)} values, one per speed, '
+                    f'not {len(row)}'
+                )
 
     def at(self, speed: Any, unit: float) -> tuple[Shrinkage | None, ...]:
         """Return the shrinkage of levels 1 to 7 at a belt speed, with None for each removed level.

@@ -66,10 +66,10 @@ def band_responses(length: int) -> NDArray[np.complex128]:
     r"""Return the frequency responses of the SWT bands for a periodic signal of `length` samples.
 
     The length is a multiple of ``2**LEVELS``. The read-only result has the shape (LEVELS + 1,
-    length // 2 + 1). Its rows are the details 1 to `LEVELS` and the approximation. The filters of
-    level j are those of level 1 with :math:`2^{j-1} - 1` zeros between their taps (algorithme a
-    trous). With the Fourier transforms H and G of the filters of an orthogonal wavelet, the
-    responses of the details are
+    length // 2 + 1). Its rows belong to the details 1 to `LEVELS` and to the approximation. The
+    filters of level j are those of level 1 with :math:`2^{j-1} - 1` zeros between their taps
+    (algorithme a trous). With the Fourier transforms H and G of the filters of an orthogonal
+    wavelet, the responses of the details are
 
     .. math:: W_{d_j}(f) = G(2^{j-1} f) \prod_{i<j} H(2^{i-1} f)
 

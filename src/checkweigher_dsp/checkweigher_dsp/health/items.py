@@ -21,23 +21,23 @@ from checkweigher_core.printable import counted
 from checkweigher_core.records import NANOSECONDS, MassEstimate, StopRequest, Verdict
 from checkweigher_core.records.reasons import Reason
 
-_TOO_MANY_FAILED = 0.05  # fraction of failed items that causes a warning
-_FEWEST_FAILED = 2  # minimum number of failed items that causes a warning
-_ALL_FAIL = 5  # number of successive failed items that causes an error
-_BUSY = 0.5  # computing time as a fraction of the time, above which a warning is given
+_TOO_MANY_FAILED = 0.05  # fraction of failed items from which on a warning is given
+_FEWEST_FAILED = 2  # minimum number of failed items for a warning
+_ALL_FAIL = 5  # number of successive failed items for an error
+_BUSY = 0.5  # fraction of the time spent on computing, above which a warning is given
 _BUSY_SPAN = 10.0  # period in s over which this fraction is measured
 _NOT_CONVERGED = (Reason.NO_CONVERGENCE, Reason.SPEED_NOT_TRAINED, Reason.NO_LOAD)
 _RECENT = 10  # number of items for the current median
 _USUAL = 300  # maximum number of items for the usual natural frequency
 # Minimum number of items for the usual natural frequency.
 _FEWEST_USUAL = 30
-# Relative change of the natural frequency that causes a warning. A product with a tenth of the
-# moving mass lowers the frequency by 5 %.
+# Relative change of the natural frequency above which a warning is given. A product with a tenth of
+# the moving mass lowers the frequency by 5 %.
 _FREQUENCY_CHANGE = 0.2
 _SWINGS = 0.5  # damping ratio above which the frequency is not defined
-_UNCERTAIN = 0.5  # fraction of max_relative_std_dev that causes a warning
+_UNCERTAIN = 0.5  # fraction of max_relative_std_dev above which a warning is given
 _MAX_EDGES = 200  # maximum number of stored edges
-_NO_MASSES = 3  # number of successive items without a mass that causes an error
+_NO_MASSES = 3  # number of successive items without a mass for an error
 
 
 def failures(items: RecentItems, what: str) -> list[Concern | None]:

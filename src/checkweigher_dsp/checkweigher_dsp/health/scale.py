@@ -24,7 +24,7 @@ _DRIFT_PERIOD = 10.0  # interval in s between two readings for the drift
 _SHORTEST_DRIFT = 300.0  # shortest period in s, below which noise may look like a drift
 _WARM_UP = 1800.0  # warm-up time of a load cell in s
 _STEP = 5.0  # change of the zero that is not a drift, in standard deviations
-_NEAR_LIMIT = 0.75  # fraction of zero_range that causes a warning
+_NEAR_LIMIT = 0.75  # fraction of zero_range above which a warning is given
 _UPDATE_PATIENCE = 120.0  # longest time in s in which products pass but the zero is not updated
 _SPECTRUM = 1024  # number of samples of a spectrum
 _FEWEST_SAMPLES = 64  # minimum number of samples of a segment
@@ -32,7 +32,7 @@ _LOWEST_FREQUENCY = 2.0  # lowest frequency of vibration in Hz; a drift is slowe
 _RECENT_SEGMENTS = 5  # number of recent segments
 _USUAL_SEGMENTS = 300  # maximum number of segments for the usual noise
 _FEWEST_USUAL = 20  # minimum number of segments for the usual noise
-_NOISY = 3.0  # ratio to the usual noise that causes a warning
+_NOISY = 3.0  # ratio to the usual noise above which a warning is given
 
 
 class ZeroWatch:

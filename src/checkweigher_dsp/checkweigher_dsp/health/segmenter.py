@@ -14,11 +14,11 @@ from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
 
 _MILLI = 1e3
-# Change of the lag in ms that causes an error. Differences between products cause changes of up to
-# a third of this value.
+# Change of the lag in ms above which an error is given. Differences between products cause changes
+# of up to a third of this value.
 _CHANGED = 1.5
-_LARGE = 2.0  # lag in ms that causes a warning
-_MANY_UNCHECKED = 0.5  # fraction of unchecked items that causes a warning
+_LARGE = 2.0  # lag in ms above which a warning is given
+_MANY_UNCHECKED = 0.5  # fraction of unchecked items above which a warning is given
 _FEWEST = 10  # minimum number of items for the findings on the lag
 
 

@@ -11,7 +11,7 @@ from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.items.eyes import Eyes
 from checkweigher_dsp.items.item import YET_TO_LEAVE, State, TrackedItem
 
-_OVERDUE = 1.5  # ratio to the usual transit above which an item is overdue or an outlier
+_OVERDUE = 1.5  # ratio of a transit to the usual one above which it is overdue or an outlier
 _TOO_EARLY = 0.1  # largest relative deviation from the usual transit of an expected outfeed edge
 _KNOWN_ITEMS = 16  # maximum number of stored recent items, and of stored given-up items
 _MOST_ITEMS = 100  # maximum number of items on the belt; only chatter of an eye causes more
@@ -136,7 +136,7 @@ class Belt:
         return item
 
     def put(self, item: TrackedItem) -> None:
-        """Add an item to the belt. If it is not alone, no item on the belt can be weighed."""
+        """Add an item to the belt. If it is not alone, all items on the belt become faults."""
         if len(self.items) >= _MOST_ITEMS:
             self.miss(self.items.pop(0), item.entered)
         self.items.append(item)

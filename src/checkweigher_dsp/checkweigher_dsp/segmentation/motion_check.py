@@ -9,7 +9,7 @@ from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.items.item import TrackedItem
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 
-_STOPPED = 0.5  # fraction of the usual speed below which the belt has stopped under the item
+_STOPPED = 0.5  # fraction of the usual speed below which a stop of the belt is assumed
 
 
 class MotionCheck:
@@ -32,7 +32,7 @@ class MotionCheck:
         self._usual = self._last = None
 
     def measure(self, item: TrackedItem) -> tuple[float, float]:
-        """Return belt speed in m/s and product length in m; NaN if an edge is missing."""
+        """Return the belt speed in m/s and product length in m, or NaN if an edge is missing."""
         if item.t1 is None or item.t3 is None or item.t3 <= item.t1:
             return math.nan, math.nan
         speed = self._weigh_length / seconds(item.t3 - item.t1)

@@ -76,7 +76,7 @@ class _Motion:
         self.value, self.variance, self._covariance = value, variance, 0.0
 
     def carry_on(self, elapsed: float) -> None:
-        """Predict the zero after a time in s."""
+        """Predict the zero and the drift after the time `elapsed` in s."""
         left = math.exp(-elapsed / _DRIFT_TIME)
         reach = _DRIFT_TIME * (1 - left)
         self.value += reach * self._drift

@@ -235,5 +235,5 @@ def platform_poles(a1: float, a2: float, sample_rate: float) -> tuple[float, flo
 
 
 def is_stable(a1: Any, a2: Any) -> Any:
-    """Return whether both poles lie inside the unit circle. The result is False for NaN."""
+    """Return whether both poles lie inside the unit circle, False if a coefficient is NaN."""
     return (abs(a2) < 1) & (abs(a1) < 1 + a2)

@@ -141,8 +141,8 @@ def _weights(
 ) -> tuple[Array, Array, Array] | None:
     """Return the weights of the samples that give z, M, and M times the correction of the lag.
 
-    The weights are (n,) each. Returns None if there are too few samples of the empty belt or of the
-    full load.
+    Each array of weights has the shape (n,). Returns None if there are too few samples of the empty
+    belt or of the full load.
     """
     begin, stop = max(float(time[0]), lag - _EMPTY), transit + min(lag, 0.0)
     zero, level = _bell(time, begin, lag), _bell(time, rise_time + lag, stop)

@@ -121,7 +121,7 @@ def test_a_file_sets_what_it_names_and_leaves_the_rest(tmp_path):
     [
         ('reject:\n  ros__parameters: {lower_limit: .nan}\n', 'reject.lower_limit: nan'),
         ('reject:\n  ros__parameters: {lower_limit: 2, upper_limit: 1}\n', 'reject.lower_limit'),
-        ('denoise:\n  ros__parameters: {gamma5: [0.1]}\n', 'denoise.speeds: 1 values for 5'),
+        ('denoise:\n  ros__parameters: {gamma5: [0.1]}\n', 'denoise.speeds: each gain and'),
         ('segmenter:\n  ros__parameters: {min_windw: 20}\n', 'segmenter.min_windw: no such'),
         ('identifier:\n  ros__parameters: {estimator: best}\n', "identifier.estimator: 'best'"),
         ('identifier:\n  ros__parameters: {tvlpf: {gain: [0]}}\n', 'identifier.tvlpf.gain: 0 is'),
