@@ -33,7 +33,8 @@ _KERNEL = ('scipy_openblas_get_corename64_', 'scipy_openblas_get_corename', 'ope
 class LegalSoftware:
     """Digests of the parts of the legally relevant software, and their common digest."""
 
-    sha256: str  # SHA-256 of all parts, hexadecimal
+    # SHA-256 of all parts, hexadecimal.
+    sha256: str
     # For each part by its name: SHA-256 of a package, Python version, or name of the BLAS kernel.
     parts: dict[str, str]
 

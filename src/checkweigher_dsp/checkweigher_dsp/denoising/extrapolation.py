@@ -85,7 +85,7 @@ def block_means(signal: Array, block: int) -> Array:
 
 
 def predict(signals: Array, taps: Array, count: int) -> Array:
-    """Predict the next `count` samples of signals.
+    """Predict the next `count` samples of each signal.
 
     Each window contains m signals, (windows, m, n), that share a model. `taps`, (windows, p + 1),
     are the prediction-error filters, whose first tap is 1. The order p is at most n. The result has
@@ -132,8 +132,8 @@ def _twice_as_far(weights: Array) -> Array:
 def _between_centres(means: Array, block: int) -> Array:
     """Return the samples after the first block, interpolated linearly between block centres.
 
-    The values at the centres are `means`, (..., blocks). The last sample is the last one before the
-    last centre.
+    The values at the centres are `means`, (..., blocks). The result ends with the last sample
+    before the last centre.
     """
     # Distances of the samples from the centre before them, as fractions of the distance between two
     # centres. The centre of a block with an even number of samples is between two samples.

@@ -62,7 +62,7 @@ def load_response(time: Array, rise_time: Any, natural_frequency: Any, damping_r
     np.sin(swing, out=swing)
     swing *= np.exp(-damping_ratio * omega * since)
     swing /= damped
-    since -= np.sin(angle) / damped  # This is 2 xi / omega, and cancels the swing at time 0.
+    since -= np.sin(angle) / damped  # This term is 2 xi / omega, and cancels the swing at time 0.
     since -= swing
     return (since[0] - since[1]) / rise_time
 
@@ -70,7 +70,7 @@ def load_response(time: Array, rise_time: Any, natural_frequency: Any, damping_r
 def block_responses(
     time: Array, rise_time: Any, natural_frequency: Any, damping_ratio: Any
 ) -> Array:
-    r"""Return the block means of `load_response`, and their derivatives for t1 and t2.
+    r"""Return block means of `load_response`, and their derivatives with respect to t1 and t2.
 
     The rows of the result, (3, ..., n), are the mean of `load_response` in each block, and its
     partial derivatives with respect to t1 and t2 in 1/s. `time`, (..., n + 1), contains the bounds

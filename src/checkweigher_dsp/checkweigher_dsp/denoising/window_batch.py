@@ -27,7 +27,7 @@ _SAMPLES_AT_ONCE = 2**20  # maximum number of samples of the padded windows of a
 
 @dataclass(frozen=True, slots=True)
 class WindowBatch:
-    """Windows of equal shape, which contain the used samples before t2 and all samples up to t3."""
+    """Windows of equal shape, with the used samples before t2 and all samples from t2 to t3."""
 
     positions: tuple[int, ...]  # positions in the list of windows
     force: Array  # signal in kg, (windows, n)

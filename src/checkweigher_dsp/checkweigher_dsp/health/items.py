@@ -21,14 +21,16 @@ from checkweigher_core.printable import counted
 from checkweigher_core.records import NANOSECONDS, MassEstimate, StopRequest, Verdict
 from checkweigher_core.records.reasons import Reason
 
-_TOO_MANY_FAILED = 0.05  # fraction of failed items from which on a warning is given
+_TOO_MANY_FAILED = 0.05  # minimum fraction of failed items for a warning
 _FEWEST_FAILED = 2  # minimum number of failed items for a warning
 _ALL_FAIL = 5  # number of successive failed items for an error
 _BUSY = 0.5  # fraction of the time spent on computing, above which a warning is given
 _BUSY_SPAN = 10.0  # period in s over which this fraction is measured
 _NOT_CONVERGED = (Reason.NO_CONVERGENCE, Reason.SPEED_NOT_TRAINED, Reason.NO_LOAD)
-_RECENT = 10  # number of items for the current median
-_USUAL = 300  # maximum number of items for the usual natural frequency
+# Number of items for the current medians.
+_RECENT = 10
+# Maximum number of items for the usual natural frequency.
+_USUAL = 300
 # Minimum number of items for the usual natural frequency.
 _FEWEST_USUAL = 30
 # Relative change of the natural frequency above which a warning is given. A product with a tenth of
@@ -43,7 +45,7 @@ _NO_MASSES = 3  # number of successive items without a mass for an error
 def failures(items: RecentItems, what: str) -> list[Concern | None]:
     """Return an error if the last five items failed, and a warning if many recent items failed.
 
-    Each of both is None if it does not apply. `what` says what happened to the items, such as
+    Either of them is None if it does not apply. `what` says what happened to the items, such as
     'were faults'.
     """
     in_a_row, failed = items.failed_in_a_row, items.failed

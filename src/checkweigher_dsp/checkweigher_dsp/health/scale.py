@@ -66,7 +66,7 @@ class ZeroWatch:
 
     def add(self, now: float, zero: Zero, *, item: bool) -> None:
         """Add the zero at `now` in s. `item` is whether an item passes at this time."""
-        if zero.counts != self._zero.counts:  # The initial zero is NaN, so the first one differs.
+        if zero.counts != self._zero.counts:  # The initial zero is NaN, so the first zero differs.
             self._updated, self._missed_since = now, math.inf
         elif item:
             self._missed_since = min(self._missed_since, now)

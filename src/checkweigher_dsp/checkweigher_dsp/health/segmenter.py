@@ -40,7 +40,7 @@ class SegmenterWatch:
         self._stream_began = began
 
     def begin_stream(self, now: float, load_cell: LoadCell) -> None:
-        """Begin a new stream. The statistics of the scale are reset if the load cell is another."""
+        """Begin a new stream, and reset the statistics of the scale if the load cell is new."""
         self._end, self._stream_began = None, now
         self._eyes.restart()
         if load_cell == self._load_cell:

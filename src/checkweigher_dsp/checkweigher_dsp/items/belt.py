@@ -11,8 +11,10 @@ from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.items.eyes import Eyes
 from checkweigher_dsp.items.item import YET_TO_LEAVE, State, TrackedItem
 
-_OVERDUE = 1.5  # ratio of a transit to the usual one above which it is overdue or an outlier
-_TOO_EARLY = 0.1  # largest relative deviation from the usual transit of an expected outfeed edge
+# Ratio to the usual transit above which a transit is an outlier, or an item on the belt is overdue.
+_OVERDUE = 1.5
+# Largest relative deviation from the usual transit at which an outfeed edge is expected.
+_TOO_EARLY = 0.1
 _KNOWN_ITEMS = 16  # maximum number of stored recent items, and of stored given-up items
 _MOST_ITEMS = 100  # maximum number of items on the belt; only chatter of an eye causes more
 
@@ -100,7 +102,8 @@ class Belt:
         self.covered = False  # whether an unknown or abandoned item blocks the outfeed eye
         self.entered_last: TrackedItem | None = None
         self.left_last: TrackedItem | None = None
-        self.begun: TrackedItem | None = None  # latest item with t1, kept when the clock changes
+        # Latest item with t1, which is kept when the clock changes.
+        self.begun: TrackedItem | None = None
         # Time in ns of the latest departure, possibly of an unknown item.
         self.freed: int | None = None
         # Time in ns at which the infeed eye cleared before its first blocking edge. The edge may

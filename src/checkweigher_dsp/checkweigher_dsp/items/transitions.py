@@ -143,8 +143,8 @@ def _longest_departure(belt: Belt, item: TrackedItem, stamp: int) -> int:
     known = not item.outlier and not set(item.faults) - {Reason.DISTANCE_FAULT}
     span = max(item.length if known else 0, belt.eyes.debounce)
     if item is belt.at_outfeed and is_none_due(belt, stamp):
-        # No other item can have caused the edge. So this item is still at the eye, or the edge with
-        # which it cleared the eye was lost.
+        # No other item can have caused the edge. So this item blocks the eye again, and the edge
+        # with which it cleared the eye was lost.
         span = max(span, 2 * item.length or belt.transit.value or 0)
     return span
 

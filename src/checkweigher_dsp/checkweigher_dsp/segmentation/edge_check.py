@@ -20,7 +20,8 @@ _SURE = 4.0
 # deviations. If the lag of the item would shift its window, the limit is `_ALIKE`.
 _LIKELY = 2.5
 _ALIKE = 1.0
-_LEAST_SHIFT = 6e-4  # smallest shift of a window in s; the lags of platforms differ by up to 5e-4
+# Smallest shift of a window in s. The lags of platforms differ by up to 5e-4 s.
+_LEAST_SHIFT = 6e-4
 # Variation of the rise time between items, as a fraction of the rise time.
 _SHARE = 0.02
 # Largest difference between a lag and the stated lag. The first term, in s, allows for filters and
@@ -69,7 +70,7 @@ class EdgeCheck:
 
     @property
     def lag(self) -> float:
-        """Median lag of up to eight last items, or NaN without items."""
+        """Median lag of the last items, of which at most eight are used, or NaN without items."""
         return median(self._recent) if self._recent else math.nan
 
     @property

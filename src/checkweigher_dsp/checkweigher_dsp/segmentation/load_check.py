@@ -33,7 +33,7 @@ class LoadCheck:
 
     def __init__(self) -> None:
         self._shaking = 0.0  # median change of the empty belt in counts
-        self._is_of_window = False  # whether these segments had the length of a window
+        self._is_of_window = False  # whether its segments had the length of a window
 
     def is_steady(self, window: NDArray[np.int32], empty: NDArray[np.int32], zero: float) -> bool:
         """Return whether a window contains the load of only one item.

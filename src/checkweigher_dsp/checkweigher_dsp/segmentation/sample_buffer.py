@@ -15,8 +15,10 @@ from checkweigher_core.records import NANOSECONDS, SampleBlock
 # Tolerance in samples. Stamps of blocks are rounded to ns. With the tolerance, an edge at the time
 # of a sample is always on the same side of the sample, regardless of the size of the blocks.
 _INSTANT = 1e-3
-_ROUNDING = 1  # largest rounding error of the time of a sample in ns
-_BEGINNING = 1.0  # duration in s of the start of a stream, to which a looped recording returns
+# Largest rounding error of the time of a sample in ns.
+_ROUNDING = 1
+# Duration in s of the start of a stream, to which a looped recording returns.
+_BEGINNING = 1.0
 # Largest delay of a repeated block in s.
 _UNDER_WAY = 2.0
 # Shortest duration in s of successive old samples that show that the newest indices are wrong.

@@ -188,7 +188,7 @@ class Segmenter:
             yield SampleBlock(stamp, block.first_index + begin, counts[begin : begin + size])
 
     def _empty_span(self) -> Span | None:
-        """Return the span of an empty belt without ring-down and late edges, or None."""
+        """Return the span of an empty belt that no ring-down or late edge can affect, or None."""
         buffer, tracker = self._buffer, self._source.tracker
         if buffer.empty or not tracker.is_empty:
             return None

@@ -120,8 +120,8 @@ class ZeroTracker:
     """Tracking of the zero of a load cell by two Kalman filters, without and with a drift.
 
     The filter without a drift lags behind a drifting zero. The filter with a drift estimates a
-    constant zero with a larger variance. So the results of both filters are averaged, weighted by
-    the likelihood of the readings.
+    constant zero with a larger variance than the other filter. So the results of both filters are
+    averaged, weighted by the likelihood of the readings.
 
     Each segment of the empty belt gives one reading, which is its Hann-weighted mean. The variance
     of the readings is estimated from the differences between the halves of many segments, so that

@@ -96,7 +96,10 @@ def responses(platform: Platform, mass: float, crossing: Crossing, time: Array) 
 
 
 def _oscillations(since: Any, omega: float, decay: float, damped: float) -> tuple[Any, Any]:
-    """Return the free oscillations that begin with value 1 and slope 0, and 0 and omega."""
+    """Return two free oscillations of the empty platform at the times `since` in s.
+
+    The first begins with value 1 and slope 0, and the second with value 0 and slope `omega`.
+    """
     envelope = np.exp(-decay * since)
     cosine, sine = envelope * np.cos(damped * since), envelope * np.sin(damped * since)
     return cosine + decay / damped * sine, omega / damped * sine
@@ -118,7 +121,7 @@ def _stairs(platform: Platform, mass: float, crossing: Crossing) -> list[tuple[f
         decay = platform.damping_ratio * omega * ease
         squared = omega * omega * ease
         damped = math.sqrt(squared - decay * decay)
-        # The particular solution for the force load + rate t is forced + rate t.
+        # The particular solution for the force `load + rate * t` is `forced + rate * t`.
         forced = load - 2 * decay * rate / squared
         c0 = value - forced
         s0 = (slope - rate + decay * c0) / damped

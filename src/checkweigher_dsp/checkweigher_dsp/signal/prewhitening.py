@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-r"""Prewhitening of coloured noise, after which least-squares estimates have the least variance.
+r"""Prewhitening of coloured noise, so that least-squares estimates have the smallest variance.
 
 The noise is described by the reflection coefficients of an autoregressive model. Coefficients
 between -1 and 1 always give a stable model, so they can be interpolated between two belt speeds.
