@@ -78,7 +78,7 @@ def batches_of(windows: Sequence[WeighWindow], min_length: int) -> list[WindowBa
 def _in_parts(
     shapes: Mapping[tuple[int, ...], list[int]], min_length: int
 ) -> Iterator[tuple[tuple[int, ...], list[int]]]:
-    """Yield each shape with the positions of its windows, in parts of limited size."""
+    """Yield each shape with the positions of its windows, divided to limit the size of a batch."""
     for shape, positions in shapes.items():
         _, begin, _, count = shape
         most = max(1, _SAMPLES_AT_ONCE // padded_length(min_length, count - begin))

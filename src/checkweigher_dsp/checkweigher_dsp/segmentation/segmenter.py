@@ -180,7 +180,7 @@ class Segmenter:
         return windows
 
     def _pieces(self, block: SampleBlock) -> Iterator[SampleBlock]:
-        """Yield a block in parts of 1 s, so that no sample leaves the buffer before it is used."""
+        """Yield a block in parts of at most 1 s, so that no sample leaves the buffer unused."""
         rate, counts = self.load_cell.sample_rate, block.counts
         size = max(1, int(rate * seconds(_LONGEST_PIECE)))
         for begin in range(0, len(counts), size):
