@@ -32,11 +32,11 @@ def join(
     """Yield the events with fewer and longer blocks.
 
     Consecutive blocks are joined up to `longest` s of signal, unless there is a gap between them in
-    the sample index or in time. An edge precedes the block that contains its time. However, if
-    `ends_block` returns True for an edge, or the block is longer than `longest`, the block is cut
-    at the edge, and the samples before the edge precede it. If `events` are in canonical order, the
-    output is in the order in which a live source would send it, because a source sends a block
-    after the last sample of that block.
+    the sample index or in time. An edge is yielded before the block that contains the time of the
+    edge. However, if `ends_block` returns True for an edge, or the block is longer than `longest`,
+    the block is cut at the edge, and the samples before the edge are yielded before the edge. If
+    `events` are in canonical order, the output has the order in which a live source would send it,
+    because a source sends a block after the last sample of that block.
     """
     run = _Run(sample_rate, longest)
     for event in events:
@@ -52,7 +52,7 @@ def join(
 
 
 class _Run:
-    """Consecutive blocks that will be joined to one block."""
+    """Consecutive blocks that will be joined into one block."""
 
     def __init__(self, sample_rate: float, longest: float) -> None:
         self._sample_rate = sample_rate
@@ -65,7 +65,11 @@ class _Run:
         self._count += len(block.counts)
 
     def goes_on_with(self, block: SampleBlock) -> bool:
-        """Return whether a block follows without a gap, and the joined block is short enough."""
+        """Return whether a block can be joined to the run.
+
+        The block must follow the run without a gap, and must not make the run longer than the
+        limit.
+        """
         if not self._blocks:
             return True
         first = self._blocks[0]
@@ -83,9 +87,10 @@ class _Run:
         self._blocks, self._count = [], 0
 
     def take_before(self, stamp: int, *, ends_block: bool) -> Iterator[SampleBlock]:
-        """Yield and remove the samples before an edge, whose time `stamp` is in ns.
+        """Yield the samples before an edge, and remove them from the run.
 
-        No samples are yielded if the edge is within the run and does not end the block.
+        `stamp` is the time of the edge in ns. If the edge is within the run, no samples are
+        yielded, unless `ends_block` is true or the run is longer than the limit.
         """
         if not self._blocks:
             return
@@ -110,8 +115,8 @@ def join_recording(recording: Recording, longest: float = LONGEST) -> list[Sampl
     """Return the blocks and edges of a recording, with fewer and longer blocks.
 
     This function is a fast version of `join` for a whole recording, in which no edge ends a block.
-    In contrast to `join`, it does not cut a block that is longer than `longest` s; such a block
-    precedes the edges within it. Reference masses are omitted.
+    In contrast to `join`, it does not cut a block that is longer than `longest` s. Such a block
+    precedes the edges within it. Reference masses are omitted from the result.
     """
     rate = recording.load_cell.sample_rate
     blocks = BlockColumns.of(recording.blocks)
@@ -138,8 +143,8 @@ def _starts(blocks: BlockColumns, sample_rate: float, longest: float) -> NDArray
     """Return the positions in `blocks` of the first block of each joined block."""
     first, limit = blocks.first_indices, longest * sample_rate
     lost = np.ones(len(blocks), bool)
-    # The first comparison is necessary because a difference of unsigned integers cannot be
-    # negative.
+    # The first comparison detects an index that decreases. The difference alone does not show this,
+    # because a difference of unsigned integers cannot be negative.
     lost[1:] = (first[1:] < first[:-1]) | (np.diff(first) != blocks.lengths[:-1].astype(np.uint64))
     begins = blocks.begins
     columns = (lost, blocks.stamps, begins, begins + blocks.lengths)
@@ -155,7 +160,7 @@ def _starts(blocks: BlockColumns, sample_rate: float, longest: float) -> NDArray
 
 
 def is_exit(edge: EyeEdge) -> bool:
-    """Return whether an edge is t3, the time at which a product reaches the outfeed eye."""
+    """Return whether an edge marks t3, the time at which a product reaches the outfeed eye."""
     return edge.eye == Eye.OUTFEED and edge.blocked
 
 
@@ -164,9 +169,10 @@ def cut_for_pace(
 ) -> Iterator[Event]:
     """Yield the events with blocks that suit the playback speed.
 
-    `pace` is the playback speed in seconds of signal per second. If it is 0, the signal is played
-    as fast as possible, and long blocks are used. At any other speed, blocks are joined up to
-    `block_time` s. A block then also ends at each t3, at which the weighing of a product can begin.
+    `pace` is the playback speed in seconds of signal per second. If `pace` is 0, the signal is
+    played as fast as possible, and blocks are joined up to `LONGEST` s. At any other speed, blocks
+    are joined up to `block_time` s, and a block also ends at each t3, so that the weighing of the
+    product, which can begin at t3, is not delayed.
     """
     if pace == 0:
         return join(events, sample_rate)

@@ -1,6 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Kinds of entries in the audit log of a lane, and the conversion of values to JSON types."""
+"""Kinds of entries in the audit log of a lane, and the conversion of values to JSON types.
+
+docs/audit_log.md describes the entries of each kind.
+"""
 
 from collections.abc import Mapping
 import math
@@ -9,21 +12,25 @@ from typing import Any
 PARAMETER, FOUND, RECIPE, CALIBRATION = 'parameter', 'found', 'recipe', 'calibration'
 SELECTION, REFUSED, BATCH, RESET = 'selection', 'refused', 'batch', 'reset'
 RESTORED, ZERO, PERSON, LEARNED = 'restored', 'zero', 'person', 'learned'
-RECORD, REPORT = 'record', 'report'  # record and report of a batch
+RECORD, REPORT = 'record', 'report'  # state of the record of a batch, and report of a batch
 TUNED = 'tuned'
-TARE = 'tare'  # tare control of a product: a sample of empty packages
+TARE = 'tare'  # control of the tare of a product by weighing a sample of empty packages
 ALARM, RUN = 'alarm', 'run'  # RUN: the line was started, or was shut down normally
 TEST, TEST_BEGUN = 'test', 'test_begun'  # end and beginning of a performance test
-SIGNATURE = 'signature'  # electronic signature on the record of a batch, or on an entry
+SIGNATURE = 'signature'  # electronic signature on the record of a batch, or on a log entry
 VERIFICATION = 'verification'  # the report of a verification was written
-SOFTWARE = 'software'  # legally relevant software of the line, at each start
-LOG = 'log'  # the log before this one
+SOFTWARE = 'software'  # digests of the legally relevant software, written at each start
+LOG = 'log'  # first entry of a log, which names the previous log
 CLOCK = 'clock'  # the clock of the computer was set, or its reference has changed
 BACKUP = 'backup'  # the machine folder was restored from a backup
 
 
 def plain(value: object) -> Any:
-    """Convert a value to JSON types. Iterables become lists; NaN and infinities become strings."""
+    """Convert a value to JSON types.
+
+    Iterables are converted to lists. NaN and infinities, which JSON does not have, and values of
+    other types are converted to strings.
+    """
     if isinstance(value, float) and not math.isfinite(value):
         return str(value)
     if isinstance(value, Mapping):

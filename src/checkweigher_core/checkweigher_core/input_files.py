@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Reading of input files that the user names, and digests of files."""
+"""Reading of input files whose paths come from the user, and digests of files."""
 
 import errno
 import hashlib
@@ -10,7 +10,8 @@ from pathlib import Path
 def read_input(path: Path) -> bytes:
     """Return the content of a file.
 
-    Raises OSError if the file cannot be read, or is a pipe or a device, which may have no end.
+    Raises OSError if the file cannot be read, or if it is a pipe or a device, because reading these
+    may never end.
     """
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise OSError(errno.EINVAL, 'not a regular file; copy it to a regular file', str(path))
@@ -18,6 +19,6 @@ def read_input(path: Path) -> bytes:
 
 
 def sha256_of(path: Path) -> str:
-    """Return the SHA-256 digest of a file, hexadecimal. Raises OSError if it cannot be read."""
+    """Return the hexadecimal SHA-256 digest of a file. Raises OSError if it cannot be read."""
     with path.open('rb') as file:
         return hashlib.file_digest(file, 'sha256').hexdigest()

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Pacing of a recording or a simulation: due times of its events, and flow control."""
+"""Pacing of the playback of a recording or a simulation: due times of events, and flow control."""
 
 from collections import deque
 from dataclasses import dataclass, field
@@ -14,7 +14,8 @@ from checkweigher_core.records import NANOSECONDS, EyeEdge, SampleBlock
 class Pacer:
     """Due times of the events of a recording or a simulation.
 
-    A block is due at its end, any other event at its stamp. At rate 0, all are due at `start`.
+    A block is due at the time of its end, any other event at its stamp. If `rate` is 0, all events
+    are due at `start`.
     """
 
     rate: float  # playback speed in seconds of signal per second
@@ -36,24 +37,26 @@ class Pacer:
 
 @dataclass(eq=False)
 class FlowControl:
-    """Flow control of the driver, which waits while the line lags too far behind.
+    """Flow control of the driver, which waits while the other nodes lag too far behind.
 
     The lag is computed from the counts that the segmenter reports, so it does not depend on the
     depth of the DDS queues. Samples and edges are counted separately, because DDS may delay one
     topic more than the other. The methods are not thread-safe.
     """
 
-    max_duration: float = 1.0  # largest lag in s of signal, below `segmenter.edge_lateness`
+    # Largest lag in s of signal. It must be less than the parameter `edge_lateness` of the
+    # segmenter, which otherwise would discard edges.
+    max_duration: float = 1.0
     max_blocks: int = 500  # largest lag in blocks, below the depth of the DDS queue
     max_edges: int = 500  # largest lag in edges, below the depth of the DDS queue
-    max_items: int = 100  # largest number of items between segmenter and verdict
+    max_items: int = 100  # largest number of items with a window but without a verdict
 
     def __post_init__(self) -> None:
         self.samples_sent = 0
         self.items_judged = 0  # number of items with a verdict
         self._edges: deque[int] = deque()  # stamps of edges that are not processed yet
         self._samples_taken = self._edges_taken = self._items_cut = 0
-        self._samples_missed = 0  # number of samples sent before the segmenter started
+        self._samples_missed = 0  # number of sent samples that a restarted segmenter did not get
 
     def sent(self, event: Event) -> None:
         """Count an event that is about to be sent."""
@@ -65,7 +68,8 @@ class FlowControl:
     def taken(self, samples: int, edges: int, items: int) -> None:
         """Update the numbers of samples, edges and items that the segmenter has processed."""
         if samples < self._samples_taken or edges < self._edges_taken:
-            # Do not wait for earlier events, which a restarted segmenter does not receive.
+            # The segmenter was restarted, and did not receive the earlier events. Do not wait until
+            # it has processed them.
             self._samples_missed = self.samples_sent - samples
             self.items_judged = items
             self._edges.clear()
@@ -94,7 +98,10 @@ class FlowControl:
         return isinstance(event, EyeEdge) and len(self._edges) >= self.max_edges
 
     def give_up_edges(self) -> int:
-        """Forget the waiting edges if all samples were processed; return the number of edges."""
+        """Forget the edges that are not processed yet if all samples were, and return their number.
+
+        Such edges have not reached the segmenter, so the driver would wait for them forever.
+        """
         lost = 0 if self._samples_on_their_way > 0 else len(self._edges)
         if lost:
             self._edges.clear()

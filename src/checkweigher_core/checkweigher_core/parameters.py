@@ -16,16 +16,16 @@ from typing import Any, ClassVar, Self, cast
 from checkweigher_core.printable import one_line
 
 _MAX_VALUES = 100_000  # largest number of values in a list
-_MAX_COST = 0.05  # largest computing time per item in s
+_MAX_COST = 0.05  # longest computing time per item in s
 _ALL = '**'  # section of a parameter file that addresses all nodes
 
 
 class ParameterError(ValueError):
-    """Raised if a parameter is invalid, or if a node cannot start."""
+    """Raised if a parameter is invalid, or if a node cannot start for another reason."""
 
 
 def package_missing(name: str, value: str, module: str) -> ParameterError:
-    """Return the error of a parameter whose value needs a module that cannot be imported."""
+    """Return the error for a parameter whose value needs a module that cannot be imported."""
     package = module.partition('.')[0]
     return ParameterError(
         f'{name}: {value!r} needs the Python package {package}, which is missing or too old; '
@@ -34,7 +34,11 @@ def package_missing(name: str, value: str, module: str) -> ParameterError:
 
 
 class SettingsError(ParameterError):
-    """Raised if a file is invalid. `path` leads to the field; `opened` adds file and line."""
+    """Raised if the content of a settings file or parameter file is invalid.
+
+    `path` contains the keys that lead to the invalid field in the file. `yaml_files.opened` adds
+    the file name and the line to the message.
+    """
 
     def __init__(self, text: str, *path: object) -> None:
         super().__init__(f'{one_line(".".join(map(str, path)))}: {text}' if path else text)
@@ -64,9 +68,11 @@ def parameter(
     """Declare a field of a `Parameters` class.
 
     The type of `default` (bool, int, float, str or tuple of float) is the type of the parameter.
-    ROS and the docs show `text` and `unit` (SI, empty for a dimensionless number). The range is
-    inclusive, and applies to each element of a tuple. Without `choices`, any string is valid. A
-    field of `settings_files.Settings` may have other types, and is required without a default.
+    ROS and the docs show `text` and `unit` (SI, empty for a dimensionless number). The range from
+    `minimum` to `maximum` is inclusive, and applies to each element of a tuple. A string must be
+    one of the `choices`. If `choices` is empty, any string is valid. This function also declares
+    the fields of a `settings_files.Settings` class. These may have other types, and a field without
+    a default must be given.
     """
     return field(
         default=default,
@@ -113,7 +119,10 @@ class Parameters:
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, object]) -> Self:
-        """Return a parameter set with the given values, and defaults for all others."""
+        """Return a parameter set with the given values, and defaults for all other parameters.
+
+        Raises `ParameterError` if a name is unknown or a value is invalid.
+        """
         known = cls.entries()
         for name in values:
             if name not in known:
@@ -133,14 +142,21 @@ class Parameters:
 
 
 def _names_like(name: str, known: list[str]) -> list[str]:
-    """Return the names to propose for an unknown name, if possible those with the same prefix."""
+    """Return the names to propose for an unknown name.
+
+    These are the known names with the same prefix up to the last dot. If there are none, these are
+    all known names, where one name such as ``tvlpf.*`` stands for all names with this prefix.
+    """
     prefix, dot, _ = name.rpartition('.')
     inner = [other for other in known if dot and other.startswith(prefix + dot)]
     return inner or sorted({f'{n.partition(".")[0]}.*' if '.' in n else n for n in known})
 
 
 def check(name: str, entry: 'Field[Any]', value: object) -> object:
-    """Return a value converted to the type of a field. A bad value raises `ParameterError`."""
+    """Return a value converted to the type of a field.
+
+    Raises `ParameterError` with the parameter `name` if the value is invalid.
+    """
     try:
         return convert(type(entry.default), describe(entry), value)
     except ValueError as error:
@@ -148,7 +164,10 @@ def check(name: str, entry: 'Field[Any]', value: object) -> object:
 
 
 def convert(kind: type, description: Description, value: object) -> object:
-    """Return a value converted to `kind`. Raises ValueError with the valid values."""
+    """Return a value converted to the type `kind`.
+
+    Raises ValueError if the value is invalid. The message states which values are valid.
+    """
     if issubclass(kind, (bool, str)):
         return _word(kind, description, value)
     if not issubclass(kind, tuple):
@@ -242,11 +261,15 @@ def by_node(
 def _own_values(
     values: Mapping[str, Any], address: object, known: Mapping[str, Collection[str]]
 ) -> dict[str, Any]:
-    """Return values by full name. If nodes are `known`, one of them must have each parameter."""
+    """Return the values of a section of a parameter file by the full names of the parameters.
+
+    `known` contains the names of the parameters of each node, or is empty. Raises `SettingsError`
+    if `known` is not empty, and none of its nodes has a parameter of the section.
+    """
     found = {}
     for name, value in flatten(values).items():
         if name == 'use_sim_time' or name.startswith('qos_overrides.'):
-            continue  # parameters that rclpy gives to nodes
+            continue  # rclpy declares these parameters for each node
         if known and not any(name in names for names in known.values()):
             why = f'none of {", ".join(known)} has a parameter {name}'
             raise SettingsError(why, address, 'ros__parameters', *name.split('.'))
@@ -255,7 +278,10 @@ def _own_values(
 
 
 def check_sections(sections: object) -> dict[Any, dict[str, Any]]:
-    """Return the values of each section of a ROS parameter file, or raise `SettingsError`."""
+    """Return the values of each section of a ROS parameter file.
+
+    Raises `SettingsError` if `sections` does not have the form of a parameter file.
+    """
     if not isinstance(sections, dict):
         raise SettingsError('not a parameter file: no "node: ros__parameters:" section')
     found = {}
@@ -268,7 +294,7 @@ def check_sections(sections: object) -> dict[Any, dict[str, Any]]:
 
 
 def in_section(error: ParameterError, sections: Mapping[Any, Any]) -> SettingsError:
-    """Return an error with the place of its parameter in the sections of a file."""
+    """Return a copy of an error that also contains the path of its parameter in `sections`."""
     made, (name, _, _) = SettingsError(str(error)), str(error).partition(': ')
     node, _, own = name.partition('.')
     for address, section in sections.items():
@@ -281,7 +307,10 @@ def in_section(error: ParameterError, sections: Mapping[Any, Any]) -> SettingsEr
 
 
 def _of_other_lanes(addresses: Iterable[str], lane: str | None) -> set[str]:
-    """Return the addresses of nodes in the namespaces of other lanes."""
+    """Return the addresses of nodes in the namespaces of other lanes than `lane`.
+
+    Raises `SettingsError` if `lane` is None and the addresses contain several lanes.
+    """
     spaces = ((each, each.rpartition('/')[0].strip('/')) for each in addresses)
     named = {each: namespace for each, namespace in spaces if namespace.strip('*/')}
     lanes = sorted(set(named.values()))
@@ -291,7 +320,7 @@ def _of_other_lanes(addresses: Iterable[str], lane: str | None) -> set[str]:
 
 
 def flatten(values: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
-    """Return nested values by full name, whose parts are joined by dots."""
+    """Return nested values by full name, in which the nested names are joined by dots."""
     flat: dict[str, Any] = {}
     for name, value in values.items():
         own = f'{prefix}{name}'

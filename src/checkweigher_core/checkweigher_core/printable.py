@@ -2,13 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Printable texts for logs, messages and terminals."""
 
-_LONGEST = 500  # default of the largest number of characters
+_LONGEST = 500  # default of the largest number of characters in a line
 
 
 def one_line(text: object, longest: int = _LONGEST) -> str:
-    """Return a text as one printable line, without the middle of a text that is too long.
+    """Return a text as one printable line.
 
-    Control characters become escape sequences, because a terminal would execute them.
+    If the text has more than `longest` characters, its middle is replaced by `` ... ``. Control
+    characters are replaced by escape sequences, because a terminal would execute them.
     """
     line = str(text)
     if len(line) > longest:
@@ -20,7 +21,7 @@ def one_line(text: object, longest: int = _LONGEST) -> str:
 
 
 def counted(count: int, name: str) -> str:
-    """Return a number with a noun in the singular or plural.
+    """Return a number with a noun, which is in the singular only for the number 1.
 
     >>> counted(1, 'gap'), counted(0, 'gap')
     ('1 gap', '0 gaps')

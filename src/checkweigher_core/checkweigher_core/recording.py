@@ -18,9 +18,10 @@ _AT_A_TIME = 1 << 14  # largest number of blocks processed at once
 
 
 def canonical_order(event: Event) -> tuple[float, ...]:
-    """Return the sort key of an event: stamp, then edges before references before blocks.
+    """Return the sort key of an event, by which events are sorted by stamp.
 
-    A block has the stamp of its first sample, so the edges during a block follow it. Different
+    Of events with the same stamp, edges precede references, and references precede blocks. A block
+    has the stamp of its first sample, so the edges during a block follow the block. Different
     events of a machine have different keys, so their order does not depend on the order of arrival.
     """
     if isinstance(event, EyeEdge):
@@ -38,7 +39,7 @@ class Recording:
     blocks: Sequence[SampleBlock]
     edges: tuple[EyeEdge, ...]
     references: tuple[Reference, ...] = ()  # empty if the masses are not known
-    warning: str = ''  # one-line warning for the user, such as of an incomplete recording
+    warning: str = ''  # one-line warning for the user, for example that the recording is incomplete
 
     @classmethod
     def from_events(cls, load_cell: LoadCell, events: Iterable[Event]) -> 'Recording':
@@ -61,8 +62,8 @@ class Recording:
 class BlockColumns(Sequence[SampleBlock]):
     """Sequence of sample blocks, stored in arrays.
 
-    An hour contains more than a hundred thousand blocks, and a `SampleBlock` takes more memory than
-    its samples. `SampleBlock` objects are therefore created only on access.
+    A recording of one hour contains more than a hundred thousand blocks, and a `SampleBlock` object
+    takes more memory than its samples. The objects are therefore created only on access.
     """
 
     stamps: NDArray[np.int64]  # stamp of each block in ns, shape (n,)
@@ -77,7 +78,7 @@ class BlockColumns(Sequence[SampleBlock]):
 
     @classmethod
     def of(cls, blocks: Sequence[SampleBlock]) -> 'BlockColumns':
-        """Return the given blocks in the same order."""
+        """Return a `BlockColumns` object with the given blocks in the same order."""
         if isinstance(blocks, cls):
             return blocks
         counts = [block.counts for block in blocks]
@@ -102,7 +103,7 @@ class BlockColumns(Sequence[SampleBlock]):
         ends = np.cumsum(lengths)
         moved = self.begins[order] - (ends - lengths)
         counts = np.empty_like(self.counts, shape=int(np.sum(lengths)))
-        for first in range(0, len(order), _AT_A_TIME):  # limits the size of `places`
+        for first in range(0, len(order), _AT_A_TIME):  # in parts, to limit the size of `places`
             some = slice(first, first + _AT_A_TIME)
             begin, end = int(ends[some][0] - lengths[some][0]), int(ends[some][-1])
             places = np.repeat(moved[some], lengths[some]) + np.arange(begin, end)
@@ -126,7 +127,7 @@ class BlockColumns(Sequence[SampleBlock]):
         """Yield the blocks."""
         begins = self.begins
         columns = (self.stamps, self.first_indices, begins, begins + self.lengths)
-        for number in range(0, len(self), _AT_A_TIME):  # limits the size of the lists
+        for number in range(0, len(self), _AT_A_TIME):  # in parts, to limit the size of the lists
             some = (column[number : number + _AT_A_TIME].tolist() for column in columns)
             for stamp, first, begin, end in zip(*some, strict=True):
                 yield SampleBlock(stamp, first, self.counts[begin:end])

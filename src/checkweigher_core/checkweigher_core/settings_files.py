@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Settings and state files as dataclasses, read from YAML or JSON and written as JSON.
 
-Each file format is a subclass of `Settings`. A field may be a bool, number, text, enumeration (by
-name), array, `Parameters` or `Settings`, or a list or mapping of these.
+Each file format is a subclass of `Settings`. The type of a field is bool, a number, text, an
+enumeration, an array, a `Parameters` or `Settings` class, or a list or mapping of these. A file
+contains the name of an enumeration member in lower case.
 """
 
 from collections.abc import Iterable, Mapping
@@ -36,8 +37,9 @@ _Kind = TypeVar('_Kind', bound='Settings')
 class Settings:
     """Base class of the content of a file, or of a mapping in a file.
 
-    `parameter` declares the fields. A field `name` contains the key of the mapping in its enclosing
-    mapping. `format` is the version of the file format; a file without a version has version 1.
+    `parameter` declares the fields. A field with the name `name` contains the key under which the
+    mapping is found in its enclosing mapping. `format` is the version of the file format. A file
+    without a version has version 1. `unknown` contains the values of unknown keys.
     """
 
     format: ClassVar[int] = 1
@@ -45,7 +47,10 @@ class Settings:
 
     @classmethod
     def prepared(cls, content: Any) -> Any:
-        """Return the content in the present format. A subclass converts older formats."""
+        """Return the content in the present format.
+
+        A subclass whose format has changed overrides this method to convert older formats.
+        """
         return content
 
 
@@ -56,13 +61,17 @@ def read_settings(source: Path | str, kind: type[_Kind]) -> _Kind:
 
 
 def write_settings(path: Path, settings: Settings, mode: int = 0o644) -> None:
-    """Write or replace a file. Raises OSError on failure; an existing file is then unchanged."""
+    """Write settings to a file as JSON. An existing file is replaced.
+
+    `mode` contains the permissions of the file. Raises OSError if the file cannot be written. An
+    existing file is then left unchanged.
+    """
     text = json.dumps({'format': settings.format, **plain(settings)})
     replace_file(Path(os.path.realpath(path)), [f'{text}\n'.encode()], mode)
 
 
 def plain(value: Any) -> Any:
-    """Convert settings, or a value in them, to JSON types. Unknown values are included."""
+    """Convert settings, or a value in them, to JSON types, including the values of unknown keys."""
     if isinstance(value, Settings):
         entries = _fields(cast(Any, type(value))).items()
         own = {key: getattr(value, each.name) for key, (each, _) in entries if key != 'name'}
@@ -80,7 +89,11 @@ def plain(value: Any) -> Any:
 
 @cache
 def _fields(kind: Any) -> dict[str, tuple['Field[Any]', Any]]:
-    """Return field and type of each key. The key of `class_` is class; ``T | None`` has type T."""
+    """Return the field and the type of each key.
+
+    The key of a field whose name ends with an underscore, such as `class_`, is the name without the
+    underscore. For a field of type ``T | None``, the type T is returned.
+    """
     types = {
         name: get_args(hint)[0] if isinstance(hint, UnionType) else hint
         for name, hint in get_type_hints(kind).items()
@@ -91,9 +104,9 @@ def _fields(kind: Any) -> dict[str, tuple['Field[Any]', Any]]:
 def settings_of(kind: type[_Kind], content: Any, *path: Any, newer: bool = False) -> _Kind:
     """Return the settings in a mapping. Raises `SettingsError` if they are invalid.
 
-    `path` contains the keys that lead to the mapping in its file. An absent or empty value stands
-    for the default of its field. An unknown key is refused, because it is probably a typing error.
-    If the file has a `newer` format, unknown keys are kept.
+    `path` contains the keys that lead to the mapping in its file. If a value is absent or empty,
+    its field has the default. An unknown key is refused, because it is probably a typing error. If
+    the file has a newer format, which `newer` states for a nested mapping, unknown keys are kept.
     """
     content, known = kind.prepared(content), _fields(cast(Any, kind))
     if not isinstance(content, dict):
@@ -119,7 +132,10 @@ def _names(known: Iterable[str]) -> str:
 def _unknown(
     known: Iterable[str], content: Mapping[str, Any], path: tuple[Any, ...], newer: bool
 ) -> dict[str, Any]:
-    """Return the values of unknown keys. Raises `SettingsError` unless the format is newer."""
+    """Return the values of unknown keys of a newer format.
+
+    Raises `SettingsError` if there is an unknown key, and the format is not newer.
+    """
     unknown = {key: each for key, each in content.items() if key == 'name' or key not in known}
     if newer:
         return unknown
@@ -131,7 +147,10 @@ def _unknown(
 
 
 def _is_given(entry: Any, value: Any, path: tuple[Any, ...]) -> bool:
-    """Return whether a value is not the default. Raises `SettingsError` if it must be given."""
+    """Return whether a value is not empty, and differs from the default of its field.
+
+    Raises `SettingsError` if the value is empty, and the field has no default.
+    """
     if entry.default is MISSING and value in (None, '', [], {}):
         raise SettingsError('is missing; add it', *path)
     return value not in (None, '') and repr(value) != repr(plain(entry.default))
@@ -161,7 +180,7 @@ def _value(hint: Any, entry: Any, value: Any, path: tuple[Any, ...], newer: bool
 
 
 def _placed(error: ValueError, path: tuple[Any, ...]) -> SettingsError:
-    """Return an error with the place of its value in the file."""
+    """Return an error that contains the path of its value in the file."""
     if isinstance(error, SettingsError):
         return error
     if isinstance(error, ParameterError):
@@ -192,7 +211,10 @@ def _numbers(kind: Any, inner: tuple[Any, ...], entry: Any, value: Any) -> Any:
 
 
 def _checked(value: Any, kind: type[Any], what: str, count: int | None = None) -> Any:
-    """Return a value. Raises ValueError if its type or its number of entries is wrong."""
+    """Return a value unchanged.
+
+    Raises ValueError if the value is not of the type `kind`, or does not have `count` entries.
+    """
     if not isinstance(value, kind) or (count is not None and len(value) != count):
         raise ValueError(f'{reprlib.repr(value)} is not {what}')
     return value

@@ -1,6 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Paths of state files, which outlive the process of a node, and safe replacement of files."""
+"""Paths of state files, which outlive the process of a node, and safe replacement of files.
+
+A file is safely replaced if neither an exception nor a power cut leaves an incomplete file.
+"""
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -15,6 +18,8 @@ from typing import BinaryIO
 def state_file(name: str) -> Path:
     """Return the path of a file in $XDG_STATE_HOME/checkweigher or ~/.local/state/checkweigher.
 
+    A character of `name` that is not a letter, a digit, ``_``, ``.`` or ``-`` is replaced by ``_``.
+
     Raises
     ------
     RuntimeError
@@ -25,7 +30,7 @@ def state_file(name: str) -> Path:
 
 
 def replace_file(path: Path, parts: Iterable[bytes], mode: int = 0o644) -> None:
-    """Write or replace a file, as `replacing` does. Raises OSError if that fails."""
+    """Write the bytes `parts` to a file by `replacing`. Raises OSError if that fails."""
     with replacing(path, mode) as file:
         file.writelines(parts)
 
@@ -34,9 +39,10 @@ def replace_file(path: Path, parts: Iterable[bytes], mode: int = 0o644) -> None:
 def replacing(path: Path, mode: int = 0o644) -> Iterator[BinaryIO]:
     """Open a temporary file, which takes the name `path` at the end of the block.
 
-    If the block raises an exception, an existing file is left unchanged. A power cut leaves either
-    the complete old or the complete new file, and after the block always the new file. Raises
-    OSError if the file cannot be written.
+    If the block raises an exception, an existing file is left unchanged. A power cut during the
+    block leaves either the complete old file or the complete new file. A power cut after the block
+    leaves the new file. `mode` contains the permissions of the file. Raises OSError if the file
+    cannot be written.
     """
     number, name = tempfile.mkstemp(prefix=f'.{path.name}-', dir=path.parent)
     try:
@@ -68,7 +74,10 @@ def make_folder(path: Path, mode: int = 0o777) -> None:
 
 @contextmanager
 def changing(path: Path) -> Iterator[None]:
-    """Lock the folder of a file, so that no other process changes the file during the block."""
+    """Lock the folder of a file while the block reads, changes and writes the file.
+
+    Another process that calls this function for a file in the folder waits until the block ends.
+    """
     with _opened(path.parent) as folder:
         fcntl.flock(folder, fcntl.LOCK_EX)
         yield

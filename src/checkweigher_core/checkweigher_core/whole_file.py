@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Writing of output files. A file is written completely or not at all."""
+"""Writing of output files, each of which is written completely or not at all."""
 
 from collections.abc import Iterable
 import errno
@@ -17,14 +17,15 @@ class OutputError(ValueError):
 
 
 def write_whole(path: Path, content: str | bytes | Iterable[str], mode: int = 0o644) -> None:
-    """Write or replace a file. Text is written in UTF-8 with unchanged line ends.
+    """Write or replace a file. Text is written in UTF-8 with unchanged line endings.
 
-    If the path is a link, its target is replaced. A stream (see `is_stream`) is written to, not
-    replaced. `mode` are the permissions of the file. Raises `OutputError` if the file cannot be
-    written; an existing file is then left unchanged.
+    If the path is a link, its target is replaced. If the path leads to a stream (see `is_stream`),
+    the content is written to the stream, which is not replaced. `mode` contains the permissions of
+    the file. Raises `OutputError` if the file cannot be written. An existing file is then left
+    unchanged.
     """
     given = [content] if isinstance(content, str | bytes) else content
-    # Escape what UTF-8 cannot encode, because the content may include such file names.
+    # Escape characters that UTF-8 cannot encode. A file name in the content may contain them.
     parts = (p if isinstance(p, bytes) else p.encode(errors='backslashreplace') for p in given)
     try:
         if is_stream(path):
@@ -41,7 +42,7 @@ def write_whole(path: Path, content: str | bytes | Iterable[str], mode: int = 0o
 def is_stream(path: Path) -> bool:
     """Return whether a path leads to a device, a pipe or the standard output.
 
-    The caller must write to such a file, instead of replacing it by a regular file.
+    The caller must write to such a file, and must not replace it by a regular file.
     """
     try:
         there = os.stat(path)
@@ -73,7 +74,7 @@ def make_output_folder(path: Path, *, exist_ok: bool = False) -> None:
 
 
 def check_new(path: Path) -> None:
-    """Raise `OutputError` if a file or folder already exists, or cannot be created."""
+    """Raise `OutputError` if the path of a new file or folder exists or cannot be created."""
     if os.path.lexists(path):
         raise OutputError(f'{path}: exists already; remove it or choose another name')
     check_folder_of(path)
@@ -89,7 +90,7 @@ def check_folder_of(path: Path) -> None:
 
 
 def output_error(path: Path, error: OSError) -> OutputError:
-    """Return the `OutputError` for an OSError."""
+    """Return an `OutputError` with the path and the reason of an OSError."""
     if error.errno == errno.ENXIO:
         return OutputError(f'{path}: cannot be written: no process reads this pipe')
     return OutputError(f'{path}: cannot be written: {error.strerror or error}')

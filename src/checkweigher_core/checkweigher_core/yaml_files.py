@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Reading of YAML and JSON files, with errors that name the file and the line, and YAML texts."""
+"""Reading and writing of YAML, and reading of JSON. Errors state the file and the line."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -16,7 +16,14 @@ from checkweigher_core.parameters import SettingsError
 
 @contextmanager
 def opened(source: Path | str) -> Iterator[Any]:
-    """Yield the content of a file or a text. Errors in the block get the file name and the line."""
+    """Yield the content of a YAML or JSON file, whose path is given, or of a text.
+
+    Raises
+    ------
+    SettingsError
+        If the file cannot be read or parsed, or if the block raises a ValueError. The message
+        states the file name and, if it is known, the line.
+    """
     place, text = f'{source}: ' if isinstance(source, Path) else '', ''
     try:
         text = source.read_text(encoding='utf-8') if isinstance(source, Path) else source
@@ -55,8 +62,8 @@ def _table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 class _Loader(yaml.SafeLoader):
     """YAML loader that refuses repeated keys, and reads numbers as in YAML 1.2.
 
-    PyYAML reads YAML 1.1, in which 0150 is 104 and 1:30 is 90. Here, such values, and
-    dates, are strings.
+    PyYAML implements YAML 1.1, in which 0150 is the number 104 and 1:30 is the number 90. This
+    loader returns such values as strings. It also returns dates as strings.
     """
 
     def fetch_tag(self) -> None:
@@ -67,7 +74,7 @@ class _Loader(yaml.SafeLoader):
         )
 
     def table(self, node: Any) -> dict[Any, Any]:
-        """Return a mapping. A repeated key is refused, because PyYAML would use its last value."""
+        """Return a mapping. Repeated keys are refused, because PyYAML would use the last value."""
         known: set[str] = set()
         for key, _ in node.value:
             if str(key.value) in known:

@@ -8,27 +8,31 @@ import math
 from checkweigher_core.health.findings import MINUTE, Finding, RecentValues, conclude, warn_if
 from checkweigher_core.records import NANOSECONDS, EyeEdge, SampleBlock
 
-_MAX_BLOCKS = 20_000  # largest number of blocks from which rate and pace are computed
+_MAX_BLOCKS = 20_000  # largest number of blocks from which sample rate and pace are computed
 RATE_SPAN = 10.0  # time in s over which rates are computed
 SHORTEST_SPAN = 2.0  # shortest time in s over which a rate is computed
 _REPLAY = 0.1  # difference of the pace from 1 above which a replay is assumed
-_CLOCK_BIN = 5.0  # duration of a bin in s, in which at least one message is not delayed
+_CLOCK_BIN = 5.0  # duration of a bin in s; at least one message in each bin is not delayed
 _CLOCK_SPAN = 300.0  # time in s over which the drift is computed
 _DRIFT_LIMIT = 500e-6  # largest relative drift; the drift of a crystal is less than 100e-6
 _DRIFT_BINS = 6  # smallest number of bins from which a drift is computed
 _PACE_BINS = 3  # smallest number of bins from which the pace is computed
 _JITTER_LIMIT = 0.5  # largest jitter in s
-_START = 5.0  # time in s before jitter is measured, because nodes still start
-_EYE_OFFSET_LIMIT = 0.1  # largest delay in s between edges and samples
-_FEWEST_EDGES = 4  # smallest number of edges from which this delay is computed
-_CLOCK_STEP = 0.5  # difference in s between stamp and index, above which the clock was set
+# Time in s after the first block before jitter is measured. While the nodes start, blocks are late.
+_START = 5.0
+_EYE_OFFSET_LIMIT = 0.1  # largest difference in s between the delays of edges and samples
+_FEWEST_EDGES = 4  # smallest number of edges from which their delay is computed
+# Difference in s between a stamp and the stamp expected from the index of the sample, above which
+# the clock of the stamps was set.
+_CLOCK_STEP = 0.5
 
 
 class ClockWatch:
     """Comparison of the stamps of samples and edges with their times of arrival.
 
     The delay of a block is the time from its last sample to its arrival. The shortest delay in a
-    few seconds belongs to a message that did not wait, so it changes only if a clock drifts.
+    few seconds is that of a message that did not wait, so it changes only if a clock drifts. The
+    pace is the rate at which the stamps advance, relative to the clock of this machine.
     """
 
     def __init__(self, sample_rate: float) -> None:
@@ -79,9 +83,11 @@ class ClockWatch:
             self._blocks.popleft()
 
     def _pace(self, slope: float) -> float:
-        """Return the rate of the stamps relative to the clock of this machine, NaN if unknown.
+        """Return the pace of the stamps, NaN if unknown.
 
-        The shortest delays are preferred, because blocks arrive too fast for a while after a halt.
+        The pace is computed from `slope`, the trend of the shortest delays, as soon as enough bins
+        are complete. The arrival times of all blocks are less suitable, because after a halt the
+        blocks arrive too fast for a while.
         """
         if len(self._bins) >= _PACE_BINS:
             return 1.0 - slope
@@ -90,12 +96,12 @@ class ClockWatch:
 
     @property
     def sample_rate(self) -> float:
-        """Sample rate in Hz computed from the stamps of recent blocks, NaN if unknown."""
+        """Sample rate in Hz, computed from the stamps of recent blocks, NaN if unknown."""
         _, elapsed, count = self._span()
         return count / elapsed if elapsed >= SHORTEST_SPAN else math.nan
 
     def _span(self) -> tuple[float, float, int]:
-        """Return the span of the recent blocks: in s by arrival, in s by stamp, and in samples."""
+        """Return the span of the recent blocks: by arrival in s, by stamp in s, and in samples."""
         if not self._blocks:
             return 0.0, 0.0, 0
         (began, first_stamp, first), (came, last_stamp, last) = self._blocks[0], self._blocks[-1]
@@ -104,7 +110,7 @@ class ClockWatch:
     def finding(self, offset_of_clocks: float) -> Finding:
         """Return the finding Clock.
 
-        `offset_of_clocks` is the difference in s between the time of day and the clock of arrivals.
+        `offset_of_clocks` is the Unix time minus the time on the clock of the arrivals, in s.
         """
         # Shortest recent delay of a block in s, relative to the first stamp.
         least = min([*self._bins.values[-round(MINUTE / _CLOCK_BIN) :].tolist(), self._bin[1]])
@@ -112,12 +118,13 @@ class ClockWatch:
         slope = self._bins.slope
         origin = math.nan if self._origin is None else self._origin / NANOSECONDS
         pace = self._pace(slope)
-        # 95 % of the blocks are delayed by at most this time in s relative to the shortest delay.
+        # Jitter in s: 95 % of the delays exceed the shortest delay by at most this time.
         jitter = self._delays.quantile(0.95) - self._delays.smallest
-        # Delay in s of the edges relative to samples with the same stamp.
+        # Delay of the edges in s, relative to samples with the same stamp.
         is_known = len(self._edge_delays) >= _FEWEST_EDGES
         eye_offset = self._edge_delays.smallest - least if is_known else math.nan
-        # Relative difference between the rates of the two clocks.
+        # Relative difference between the rates of the clock of the arrivals and the clock of the
+        # stamps.
         drift = slope if len(self._bins) >= _DRIFT_BINS else math.nan
         values = {
             'stamps_behind_this_machine_s': least + offset_of_clocks - origin,

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Free space on the disk of the machine folder, and the time until it is used up."""
+"""Free space on the disk to which the line writes, and the time until the disk is full."""
 
 from collections.abc import Callable
 import math
@@ -13,13 +13,13 @@ _ASPECT = 'Disk'
 _PERIOD = 600.0  # time in s between two readings
 _DAY = 86_400.0  # seconds per day
 _SHORTEST_SPAN = 6 * _PERIOD  # shortest time in s from which a trend is estimated
-_WARNING = 30.0  # time in days until the disk is full, below which a warning is shown
+_WARNING = 30.0  # number of days until the disk is full, below which a warning is shown
 _LEAST = 100e6  # smallest free space in bytes; a batch record of 100,000 items needs less
 _HINT = 'move recorded items and passes to another disk; see docs/backup.md'
 
 
 def free_bytes(folder: Path) -> float:
-    """Return the number of free bytes on the disk of a folder, NaN if it cannot be read."""
+    """Return the number of free bytes on the disk of a folder, NaN if the number is unknown."""
     try:
         return float(shutil.disk_usage(folder).free)
     except OSError:
@@ -27,10 +27,11 @@ def free_bytes(folder: Path) -> float:
 
 
 class DiskWatch:
-    """Monitor of the free bytes over the last two days. Times are in s on a monotonic clock.
+    """Monitor of the free bytes on a disk over the last two days.
 
-    The trend is the median slope over all pairs of readings, so a recording that is removed after a
-    few hours does not affect it.
+    The function `free` returns the number of free bytes. Times are in s on a monotonic clock. The
+    trend is the median of the slopes of all pairs of readings, so that a recording that is removed
+    after a few hours does not affect the trend.
     """
 
     def __init__(self, free: Callable[[], float]) -> None:

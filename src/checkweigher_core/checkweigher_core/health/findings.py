@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 MINUTE = 60.0  # seconds per minute
-_MAX_VALUES = 10_000  # largest number of entries
+_MAX_VALUES = 10_000  # default of the largest number of entries
 
 
 class Level(IntEnum):
@@ -46,7 +46,8 @@ class Finding:
     level: Level
     text: str  # one line
     hint: str = ''  # advice for the technician; empty if there is no problem
-    values: Mapping[str, float | str] = field(default_factory=dict)  # a name ends with its unit
+    # Figures by name. The name of a figure ends with its unit.
+    values: Mapping[str, float | str] = field(default_factory=dict)
 
     @property
     def message(self) -> str:
@@ -58,21 +59,22 @@ Values = Mapping[str, float | str]
 
 
 def warn_if(holds: bool, text: str, hint: str) -> Concern | None:
-    """Return a warning if a condition holds."""
+    """Return a warning if a condition holds, otherwise None."""
     return Concern(Level.WARN, text, hint) if holds else None
 
 
 def error_if(holds: bool, text: str, hint: str) -> Concern | None:
-    """Return an error if a condition holds."""
+    """Return an error if a condition holds, otherwise None."""
     return Concern(Level.ERROR, text, hint) if holds else None
 
 
 def conclude(
     aspect: str, well: str, concerns: Iterable[Concern | None] = (), values: Values | None = None
 ) -> Finding:
-    """Return the finding on an aspect, made from the first of its most severe concerns.
+    """Return the finding on an aspect of a node.
 
-    The text of the finding is `well` if all `concerns` are None.
+    The finding has the level, text and hint of the most severe concern, or of the first of several
+    most severe concerns. If all `concerns` are None, the level is OK, and the text is `well`.
     """
     none = Concern(Level.OK, well, '')
     worst = max(filter(None, concerns), key=lambda concern: concern.level, default=none)
@@ -83,7 +85,7 @@ T = TypeVar('T')
 
 
 class Recent(deque[tuple[float, T]]):
-    """Entries with their times: those of the last `duration` s, but at most `limit` entries."""
+    """Entries of the last `duration` s with their times in s, but at most `limit` entries."""
 
     def __init__(self, duration: float = MINUTE, limit: int = _MAX_VALUES) -> None:
         super().__init__(maxlen=limit)
@@ -96,10 +98,10 @@ class Recent(deque[tuple[float, T]]):
 
 
 class RecentValues(Recent[float]):
-    """Values of the last `duration` s. Without values, the quantiles are NaN."""
+    """Values of the last `duration` s with their times in s. Without values, quantiles are NaN."""
 
     def add(self, time: float, value: float) -> None:
-        """Add a value with its time in s. NaN and infinities are ignored."""
+        """Add a value that was observed at `time` in s. NaN and infinities are ignored."""
         if math.isfinite(value):
             self.append((time, value))
 
@@ -134,14 +136,14 @@ class RecentValues(Recent[float]):
         return self.quantile(0.0)
 
     def quantile(self, share: float) -> float:
-        """Return a quantile of the values, with linear interpolation."""
+        """Return the quantile `share` (0..1) of the values, with linear interpolation."""
         return float(np.quantile(self.values, share)) if self else math.nan
 
     @property
     def slope(self) -> float:
-        """Theil-Sen slope of the values per second, NaN without two different times.
+        """Theil-Sen slope of the values per second, NaN if all times are equal.
 
-        The estimator is robust against up to 29 % outliers.
+        The Theil-Sen estimator is robust against up to 29 % outliers.
         """
         times, values = np.reshape(self, (-1, 2)).T
         first, second = np.triu_indices(len(times), 1)
@@ -153,16 +155,16 @@ class RecentValues(Recent[float]):
 
 
 class RecentItems(Recent[tuple[str, ...]]):
-    """Results of the last items, with the reasons for failures.
+    """Results of the last `count` items, with the reasons why items failed.
 
-    The last `count` items are kept, each for at most `duration` s.
+    An item is removed after `duration` s.
     """
 
     def __init__(self, count: int = 50, duration: float = 10 * MINUTE) -> None:
         super().__init__(duration, count)
 
     def add(self, time: float, reasons: Iterable[str] = ()) -> None:
-        """Add an item at a time in s. `reasons` is empty if the item did not fail."""
+        """Add the result of an item at `time` in s. `reasons` is empty if the item succeeded."""
         self.append((time, tuple(reasons)))
 
     @property
@@ -176,6 +178,9 @@ class RecentItems(Recent[tuple[str, ...]]):
         return sum(1 for _ in takewhile(lambda entry: entry[1], reversed(self)))
 
     def main_reason(self, count: int) -> str:
-        """Return the most frequent first reason of the last `count` items, '' if none failed."""
+        """Return the most frequent reason why one of the last `count` items failed.
+
+        Only the first reason of each item counts. The result is empty if none of the items failed.
+        """
         firsts = Counter(reasons[0] for _, reasons in list(self)[-count:] if reasons)
         return firsts.most_common(1)[0][0] if firsts else ''

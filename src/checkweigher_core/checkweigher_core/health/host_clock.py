@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Steps of the clock of this host, and its synchronisation, as reported by chrony."""
+"""Steps of the clock of this host, and synchronisation of the clock as reported by chrony."""
 
 from collections.abc import Sequence
 import math
@@ -16,7 +16,9 @@ _UNKNOWN = 'not known yet'
 _PERIOD = 30.0  # time in s between two calls of chronyc
 _PATIENCE = 10.0  # longest wait in s for the output of chronyc
 _LARGEST_BOUND = 0.1  # largest bound of the clock error in s
-_STEP = 0.5  # smallest change of the clock in s that is a step; two readings are never that late
+# Smallest change of the clock in s that counts as a step. It is longer than the time between the
+# readings of the two clocks that are compared.
+_STEP = 0.5
 _OWN_CLOCK = 0x7F7F0101  # reference ID of a chronyd that follows its own clock (option local)
 
 
@@ -27,21 +29,22 @@ class ClockSteps:
         self._offset = self._difference()
 
     def step(self) -> float:
-        """Return by how many s the clock was set since the last call, 0 if it was not set."""
+        """Return by how many s the clock was set since the previous call, 0 if it was not set."""
         before, self._offset = self._offset, self._difference()
         step = self._offset - before
         return step if abs(step) >= _STEP else 0.0
 
     def _difference(self) -> float:
-        # The boot clock is never set, and it goes on while the computer sleeps.
+        # Compare with the boot clock, which is never set, and which goes on while the computer
+        # sleeps.
         return time.time() - time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
 class HostClock:
     """Monitor of the clock of this host.
 
-    The command chronyc runs in a separate process. A later call of `finding` reads its output, so
-    that the node never waits for it.
+    A call of `finding` starts the command chronyc in a separate process, and a later call reads its
+    output. The node therefore never waits for chronyc.
     """
 
     def __init__(self, command: Sequence[str] = COMMAND) -> None:
@@ -55,13 +58,13 @@ class HostClock:
 
     @property
     def reference(self) -> str:
-        """Text on the reference of the clock without numbers, empty if it is not known yet."""
+        """Description of the reference of the clock without numbers, empty if not known yet."""
         if 'bound_ms' in self._finding.values:
             return 'synchronised by chrony'
         return '' if self._finding.text == _UNKNOWN else self._finding.text
 
     def finding(self, now: float) -> Finding:
-        """Return the finding Host clock at time `now` in s."""
+        """Return the finding Host clock at time `now` in s on a monotonic clock."""
         if self._question is not None:
             if self._question.poll() is not None:
                 self._finding = tracking_finding(self._question.communicate()[0])
@@ -81,10 +84,10 @@ class HostClock:
 
 
 def tracking_finding(text: str) -> Finding:
-    """Return the finding for the output of ``chronyc -c tracking``.
+    """Return the finding for `text`, the output of ``chronyc -c tracking``.
 
-    The bound of the clock error is the sum of the absolute offset of the system clock, the root
-    dispersion and half of the root delay (manual of chronyc).
+    The clock error is at most the sum of the absolute offset of the system clock, the root
+    dispersion and half of the root delay (see the manual of chronyc).
     """
     fields = text.strip().split(',')
     try:

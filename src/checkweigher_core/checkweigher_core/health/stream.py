@@ -20,14 +20,15 @@ from checkweigher_core.printable import counted
 from checkweigher_core.records import Eye, EyeEdge, LoadCell, SampleBlock
 
 PATIENCE = 5.0  # time in s that the nodes of a line need to start
-_SILENCE = 1.0  # longest time in s without samples
-_SILENT_BLOCKS = 5.0  # longest time without samples in blocks; the longer of the two applies
-_RATE_TOLERANCE = 0.005  # largest relative difference of the sample rate
-_LONGEST_BLOCKED = 10.0  # longest time in s for which an eye is blocked
+# Longest time without samples, in s and in durations of a block. The longer time applies.
+_SILENCE = 1.0
+_SILENT_BLOCKS = 5.0
+_RATE_TOLERANCE = 0.005  # largest relative difference between measured and nominal sample rate
+_LONGEST_BLOCKED = 10.0  # longest time in s for which a product normally blocks an eye
 _ONE_EYED = 10  # number of edges of one eye after which the other eye must have switched
 _GAPS, _LOST, _AGAIN = 'gaps', 'samples_lost', 'blocks_doubled_or_late'
 _RESTARTS, _SATURATED = 'source_restarts', 'samples_saturated'
-# Name of each count, with the noun for its unit in messages.
+# Names of the counts, each with the noun that follows its number in messages.
 _COUNTED = {_GAPS: 'gap', _LOST: 'sample', _AGAIN: 'block', _RESTARTS: 'time', _SATURATED: 'sample'}
 _WARNINGS = {
     _GAPS: ('{samples_lost} lost in {gaps}', 'check processor load, cable and network'),
@@ -47,7 +48,7 @@ _WARNINGS = {
 
 
 class SampleWatch:
-    """Statistics of arriving blocks of samples: rate, gaps, saturation and clock."""
+    """Statistics of arriving blocks of samples, on their rate, gaps, saturation and clock."""
 
     def __init__(self, load_cell: LoadCell) -> None:
         self.load_cell = load_cell
@@ -100,7 +101,10 @@ class SampleWatch:
             self._recent[what].add(time, count)
 
     def finding(self, now: float, waited: float) -> Finding:
-        """Return the finding Samples. `waited` is the time in s since the stream began."""
+        """Return the finding Samples at time `now` in s.
+
+        `waited` is the time in s since the stream began.
+        """
         age = now - self._last
         lately = {name: int(values.total) for name, values in self._recent.items()}
         span = self._arrivals.span if self._arrivals.span >= SHORTEST_SPAN else math.nan
@@ -166,7 +170,7 @@ class EyeWatch:
             values.forget(now)
 
     def finding(self, now: float) -> Finding:
-        """Return the finding Photo eyes."""
+        """Return the finding Photo eyes at time `now` in s."""
         lately = {eye: len(values) for eye, values in self._recent.items()}
         blocked = {eye: now - since for eye, since in self._blocked.items()}
         values = {

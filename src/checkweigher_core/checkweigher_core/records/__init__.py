@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Records that the stages exchange, as frozen dataclasses with one module for each subject.
 
-Stamps are integers in ns, so that no stage rounds them. Most are on the clock of the samples; the
-docstrings name those on the system clock. An unknown stamp is None, an unknown number is NaN.
+Stamps are integers in ns, so that no stage rounds them. A stamp is on the clock of the samples
+unless its docstring names the system clock. An unknown stamp is None, an unknown number is NaN.
 `checkweigher_core.ros.conversion` converts between records and messages.
 """
 

@@ -10,10 +10,11 @@ import numpy as np
 
 
 class NanEqual:
-    """Base of dataclasses that are equal if all fields are equal, where NaN equals NaN.
+    """Base class of dataclasses that are equal if all fields are equal, where NaN equals NaN.
 
     From Python 3.13 on, the `==` of a dataclass compares field by field, so a record with a NaN
-    would differ from itself. The dataclass needs `eq=False`, which keeps this comparison.
+    would differ from itself. A subclass must be a dataclass with `eq=False`, because otherwise the
+    dataclass would replace this comparison by its own.
     """
 
     __slots__ = ()

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Records that the driver and the inspection devices send."""
+"""Records of the load cell, the photo-eyes, the machine inputs and the inspection devices."""
 
 from dataclasses import dataclass, fields
 from enum import IntEnum
@@ -20,7 +20,7 @@ class Eye(IntEnum):
 
 
 class StreamState(IntEnum):
-    """State of a stream of samples. FAILED means that the source of the samples has failed."""
+    """State of a stream of samples. The state is FAILED if the source of the samples failed."""
 
     RUNNING = 0
     FINISHED = 1
@@ -34,11 +34,11 @@ class LoadCell:
     Raises ValueError with the name of the field if a value is impossible for a load cell.
     """
 
-    sample_rate: float  # samples per second, in Hz
-    counts_per_kg: float  # sensitivity; negative if the cell is mounted upside down
+    sample_rate: float  # sample rate in Hz
+    counts_per_kg: float  # sensitivity in counts/kg; negative if the cell is mounted upside down
     zero_counts: float  # reading of the empty belt at calibration, in counts
-    min_counts: int  # lower limit of the converter, at which a reading is saturated
-    max_counts: int  # upper limit of the converter, at which a reading is saturated
+    min_counts: int  # lower limit of the converter in counts; a reading at the limit is saturated
+    max_counts: int  # upper limit of the converter in counts; a reading at the limit is saturated
     capacity: float  # largest load on the belt in kg, without the weight of the belt
     weigh_length: float  # distance from the infeed eye to the outfeed eye in m
     model: str = ''  # empty if unknown
@@ -57,12 +57,13 @@ class LoadCell:
 
     @classmethod
     def of(cls, parameters: object, **others: Any) -> 'LoadCell':
-        """Return a load cell with the attributes of `parameters`; `others` take precedence."""
+        """Return a load cell with the attributes of `parameters`, which `others` override."""
         names = [entry.name for entry in fields(cls) if hasattr(parameters, entry.name)]
         return cls(**{name: getattr(parameters, name) for name in names} | others)
 
 
-# Minimum, maximum and unit of each field. The range of counts_per_kg applies to its absolute value.
+# Minimum, maximum and unit of each field with a fixed range. The range of counts_per_kg applies to
+# its absolute value.
 _POSSIBLE = {
     'sample_rate': (1.0, MAX_SAMPLE_RATE, 'Hz'),
     'counts_per_kg': (1e-3, 1e9, '/kg'),
@@ -82,8 +83,8 @@ def _require(condition: bool, text: str) -> None:
 class SampleBlock:
     """Consecutive readings of the load cell.
 
-    `counts` has shape (n,). ``counts[0]`` was measured at `stamp`; `first_index` is its index in
-    the stream.
+    `counts` contains the readings in counts, shape (n,). The reading ``counts[0]`` was taken at
+    `stamp`, and has the index `first_index` in the stream.
     """
 
     stamp: Stamp
@@ -93,7 +94,7 @@ class SampleBlock:
 
 @dataclass(frozen=True, slots=True)
 class EyeEdge:
-    """Edge of a photo-eye at `stamp`. `blocked` is the state of the eye after the edge."""
+    """Edge of a photo-eye at `stamp`. `blocked` is true if the eye is blocked after the edge."""
 
     stamp: Stamp
     eye: Eye
@@ -102,7 +103,7 @@ class EyeEdge:
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """Known mass of an item in kg. `stamp` is its t1, when it begins to enter the belt.
+    """Known mass of an item in kg. `stamp` is t1, the time at which the item begins to enter.
 
     Raises
     ------
@@ -122,10 +123,11 @@ class Reference:
 class StreamStatus:
     """Progress of the driver or of the segmenter in a stream of samples.
 
-    `stream` is the stream number, and `stamp` the stamp of the latest block. The driver counts the
-    `samples` and `edges` that it has sent. The segmenter counts those that it has processed, and
-    the `items` of all streams whose windows it has sent. `last_edge` is the latest edge that the
-    segmenter has assigned to an item. `text` is a fault message of the driver, or empty.
+    `stream` is the number of the stream, and `stamp` is the stamp of the latest block. The driver
+    counts the `samples` and `edges` that it has sent in this stream. The segmenter counts the
+    samples and edges that it has processed. `items` is the number of windows that the segmenter has
+    sent in all streams. `last_edge` is the latest edge that the segmenter has assigned to an item.
+    `text` is a fault message of the driver, or empty.
     """
 
     stamp: Stamp
@@ -140,10 +142,11 @@ class StreamStatus:
 
 @dataclass(frozen=True, slots=True)
 class MachineConditions:
-    """Conditions that require a stop, as the machine inputs have shown them since `stamp`.
+    """Conditions that require a stop of the line, as shown by the machine inputs since `stamp`.
 
-    `conditions` are values of `StopReason`. `inputs` contains the name of the input that shows each
-    condition. If the inputs cannot be read, `known` is false, and every condition must be assumed.
+    `conditions` contains values of `StopReason`, one for each input that shows a condition.
+    `inputs` contains the names of these inputs. If the inputs cannot be read, `known` is false, and
+    the receiver must stop the line.
     """
 
     stamp: Stamp
@@ -156,7 +159,8 @@ class MachineConditions:
 class ExternalReject:
     """Rejection of an item by an inspection device.
 
-    If `item_id` is 0, the rejected item is the one that was at the `device` at `stamp`.
+    If `item_id` is 0, the rejected item is the item that was at the `device` at time `stamp`.
+    `text` contains details of the finding, or is empty.
     """
 
     stamp: Stamp | None

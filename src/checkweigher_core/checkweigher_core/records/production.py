@@ -11,7 +11,7 @@ from checkweigher_core.records.quantities import Stamp
 
 
 class PerformanceState(IntEnum):
-    """State of the performance test of a recipe."""
+    """State of the performance test, a periodic test with a product of known mass."""
 
     OVERDUE = 0
     NOT_ASKED = 1
@@ -26,8 +26,9 @@ class ProductOnLine:
     """Product and batch on the line since `stamp` (system clock), with the limits of their items.
 
     Masses are in kg and include the packaging. Lengths are in m, speeds in m/s. `product` is empty
-    while no product is selected; if a product is `needed`, no item is then accepted. The fields
-    `batch_items` to `batch_surplus` are the counts of the batch so far (see `BatchTally`).
+    while no product is selected. If `needed` is true, no item is accepted while `product` is empty.
+    The fields `batch_items` to `batch_surplus` are the totals of the batch so far (see
+    `BatchTally`).
     """
 
     stamp: Stamp
@@ -53,12 +54,14 @@ class ProductOnLine:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PerformanceTest(NanEqual):
-    """State of the performance test of a recipe. Stamps are on the system clock.
+    """State of the performance test that a recipe requires. Stamps are on the system clock.
 
-    `stamp` is the beginning of the state, or the last pass of a running test. `who` is the tester.
-    `last` is the time of the last passed test. Masses are in kg. `errors` contains the weighing
-    error of each pass, NaN for a pass without a mass. A test is passed if all errors are within
-    `limit`.
+    `stamp` is the time at which the state began or, while a test is running, the time of its latest
+    pass. `text` states why a test is due or has failed. `who` is the person who made the last test.
+    The next test is due at `due`, and the line stops at `stop_at` if no test has passed by then.
+    `last` is the end of the last test that passed. Masses are in kg. `errors` contains the weighing
+    error of each pass, NaN for a pass without a mass. A test passes if it has `passes` passes, and
+    the absolute value of each error is at most `limit`.
     """
 
     stamp: Stamp
@@ -81,12 +84,13 @@ class Statistics(NanEqual):
     """Statistics of one product in one batch. Masses are in kg, without tare.
 
     `stamp` is the largest t3 of the items. `reason_counts` contains the number of items with each
-    of the `reasons`. `length_faults` and `speed_faults` count items outside the ranges of the
-    recipe. `tu1` and `tu2` are the limits of directive 76/211/EEC. `mean`, `std_dev`, `giveaway`
-    (mean minus `nominal`), `below_tu1` (including items below TU2), `below_tu2` and
-    `share_below_tu1` (0..1) refer to the accepted items. `throughput` is in items per minute since
-    the first item of the stream. `tu1_quota` is the largest allowed share of items below TU1, NaN
-    without a quota. If `mean_value` is true, the batch mean must be at least `nominal`.
+    of the `reasons`. `length_faults` and `speed_faults` are the numbers of items whose length or
+    speed is outside the range of the recipe. `tu1` and `tu2` are the limits TU1 and TU2 of
+    directive 76/211/EEC. `mean`, `std_dev`, `giveaway` (mean minus `nominal`), `below_tu1`
+    (including items below TU2), `below_tu2` and `share_below_tu1` (0..1) refer to the accepted
+    items. `throughput` is the number of items per minute between the first and the last t3 of the
+    stream. `tu1_quota` is the largest allowed share of items below TU1 among the accepted items,
+    NaN without a quota. If `mean_value` is true, the batch mean must be at least `nominal`.
     """
 
     stamp: Stamp | None
@@ -120,8 +124,9 @@ class Statistics(NanEqual):
 class FillerFeedback:
     """Correction of the filler after a subgroup of items. Masses are in kg, without tare.
 
-    `stamp` and `item_id` are those of the last item in the subgroup. The filler must add `step` to
-    its set point. `correction` is the sum of all steps. `limited` is true if a limit of the recipe
+    `stamp` is t3 of the last item in the subgroup, `item_id` is its number, and `items` is the
+    number of items in the subgroup. The filler must add `step` to its set point. `correction` is
+    the sum of all steps since the product was selected. `limited` is true if a limit of the recipe
     has reduced the step.
     """
 
@@ -142,9 +147,10 @@ class Alarm:
 
     `source` is ``stop`` for a stop request, ``fault`` for an item, ``node`` for a restarted node.
     `reason` is the reason of the stop request or of the fault, or the name of the node. The alarm
-    was raised `count` times, first at `first`. `last` is when it was last raised, or its cause
-    ended. Before `last`, the alarm was active for `duration` s in total. `acknowledged_by` is empty
-    until a person has acknowledged the alarm. Stamps are on the system clock.
+    was raised `count` times, for the first time at `first`. `last` is the time at which the alarm
+    was last raised or its cause ended. Before `last`, the alarm was active for `duration` s in
+    total. `acknowledged_by` is empty until a person has acknowledged the alarm. Stamps are on the
+    system clock.
     """
 
     source: str
@@ -159,7 +165,7 @@ class Alarm:
 
     @property
     def key(self) -> tuple[str, str, int]:
-        """Values that identify the alarm in all its states."""
+        """Values that identify the alarm, and that do not change with its state."""
         return self.source, self.reason, self.first
 
     @property
@@ -170,7 +176,7 @@ class Alarm:
 
 @dataclass(frozen=True, slots=True)
 class Alarms:
-    """Alarms of a lane at `stamp` (system clock), in the order in which they were raised."""
+    """Alarms of a lane at `stamp` (system clock), in the order in which they were first raised."""
 
     stamp: Stamp
     alarms: tuple[Alarm, ...]
@@ -178,7 +184,7 @@ class Alarms:
 
 @dataclass(frozen=True, slots=True)
 class BatchResult:
-    """End of a batch at `stamp` (system clock), with path and SHA-256 of its record."""
+    """End of a batch at `stamp` (system clock), with the path and SHA-256 of the batch record."""
 
     stamp: Stamp
     batch: str

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 import math
 from typing import Annotated
 
-# After a restart, the segmenter numbers items from the next multiple of this number.
+# After a restart, the segmenter continues the item numbers at the next multiple of this number.
 NUMBERS_AT_ONCE = 1_000
 GRAMS = 1000.0  # grams per kilogram
 NANOSECONDS = 1_000_000_000  # nanoseconds per second
@@ -22,7 +22,7 @@ def utc(stamp: int) -> str:
 
 
 def local_time(stamp: int) -> datetime:
-    """Return a stamp as local time of the computer, with the UTC offset at that time."""
+    """Return a stamp as a local time of this computer, with the UTC offset at that time."""
     return datetime.fromtimestamp(stamp / NANOSECONDS, UTC).astimezone()
 
 

@@ -1,14 +1,15 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Reasons for faults and rejects of items and for line stops, with hints for technicians."""
+"""Reasons why items are rejected, and why the line stops, with hints for the technician."""
 
 from enum import StrEnum
 
 
 class Reason(StrEnum):
-    """Reason why an item cannot be weighed, or why a batch rule, a device or a test rejects it.
+    """Reason why an item cannot be weighed, or is rejected even if its mass is within the limits.
 
-    ``DistanceFault``, ``MeanValueRequirement`` and ``TU1Quota`` are terms of OPC 40200.
+    The names ``DistanceFault``, ``MeanValueRequirement`` and ``TU1Quota`` are those of OPC 40200,
+    the OPC UA specification for weighing technology.
     """
 
     DISTANCE_FAULT = 'DistanceFault'
@@ -58,7 +59,7 @@ class Reason(StrEnum):
 
 
 class StopReason(StrEnum):
-    """Reason why the line should stop."""
+    """Reason why the reject node requests a stop of the line."""
 
     TOO_MANY_REJECTS = 'TooManyRejects'
     UNCONFIRMED_REJECT = 'UnconfirmedReject'
@@ -84,7 +85,7 @@ class StopReason(StrEnum):
 
 
 def hint_of(reason: str) -> str:
-    """Return the hint for a reason in a message, which may come from another version."""
+    """Return the hint for a reason, which may be unknown if another version sent the message."""
     known = reason in Reason.__members__.values()
     return Reason(reason).hint if known else 'a reason that this version does not know'
 
@@ -130,7 +131,8 @@ _HINTS = {
     Reason.PERFORMANCE_TEST: 'the item passed during a performance test, as a test product does',
     Reason.STAGE_FAILED: 'the program failed on this item; report the log and a bag of the item',
 }
-# A separate table, because reasons of both kinds may have the same value.
+# Stop reasons have a separate table, because a `Reason` and a `StopReason` of the same value would
+# be the same key.
 _STOP_HINTS = {
     StopReason.TOO_MANY_REJECTS: 'max_rejects_in_a_row consecutive products were rejected',
     StopReason.UNCONFIRMED_REJECT: 'a rejected product did not pass reject_eye; check the rejector',

@@ -12,7 +12,7 @@ from checkweigher_core.records.reasons import StopReason
 
 
 class Decision(IntEnum):
-    """Decision on an item. The rejector removes all items except those with ACCEPT."""
+    """Decision on an item. The rejector removes every item whose decision is not ACCEPT."""
 
     FAULT = 0
     ACCEPT = 1
@@ -25,10 +25,11 @@ class Verdict(NanEqual):
     """Verdict on one item. Masses and limits are in kg.
 
     `estimate_id` equals `item_id`, or is 0 if the verdict was given without a mass estimate. The
-    signal to the rejector is due at `reject_at`. If `station` is not 0, that station removes the
-    item instead, and its signal is due at `station_at`. A verdict that was given after that time is
-    `late`. The fields `batch_items` to `batch_surplus` are the counts of the batch including this
-    item (see `BatchTally`).
+    signal to the rejector is due at `reject_at`. If `station` is not 0, the reject station of this
+    number removes the item instead of the rejector, and the signal to the station is due at
+    `station_at`. `late` is true if the verdict was given after its signal was due. The fields
+    `batch_items` to `batch_surplus` are the totals of the batch including this item (see
+    `BatchTally`).
     """
 
     item_id: int
@@ -62,8 +63,8 @@ class Verdict(NanEqual):
 class StopRequest:
     """Request to stop the line.
 
-    `item_id` is the number of the item that caused the request, or 0. `stamp` is its reject time,
-    or the time of a missed external reject. `text` contains further details.
+    `item_id` is the number of the item that caused the request, or 0. `stamp` is the reject time of
+    this item, the time of a missed external reject, or None. `text` contains further details.
     """
 
     reason: StopReason
@@ -79,7 +80,10 @@ class StopRequest:
 
 @dataclass(frozen=True, slots=True)
 class Permission:
-    """Permission to `run` the line, given at `stamp` on the system clock for a short time."""
+    """Permission to run the line if `run` is true, otherwise a request to stop it.
+
+    A permission that was given at `stamp` (system clock) is valid for a short time only.
+    """
 
     stamp: Stamp
     run: bool

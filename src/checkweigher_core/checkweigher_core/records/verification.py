@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Records of a verification."""
+"""Records of a verification, in which an operator tests the line according to a plan."""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -9,7 +9,7 @@ from checkweigher_core.records.quantities import Stamp
 
 
 class StepState(IntEnum):
-    """Content of a `VerificationStep`: the plan, the identity of the machine, or the step state."""
+    """Kind of a `VerificationStep`: the plan, the machine identity, or the state of a step."""
 
     PLAN = 0
     IDENTITY = 1
@@ -40,7 +40,7 @@ class VerificationStep:
     """Step of a verification, plan of a verification, or identity of the machine.
 
     `stamp` is the end of the step, or the stamp of the latest sample if the step has not ended.
-    `text` is the plan, the identity as JSON, or the reason why a step was skipped.
+    `text` is the plan as YAML, the identity as JSON, or the reason why a step was skipped.
     """
 
     stamp: Stamp
@@ -54,9 +54,11 @@ class VerificationStep:
 class VerificationProgress:
     """Progress of a guided verification at `stamp` (system clock), with the present question.
 
-    An answer must repeat the number `question`. `folder` contains the plans and the reports.
-    `results` contains one line for each of the `steps`, empty before the step is performed. `step`
-    is the index of the present step, and `lines` are its results so far.
+    `question` is the number of the question, which the answer must repeat. `folder` is the path of
+    the machine folder with the plans and the reports. `results` contains one line for each of the
+    `steps`, which is empty until the step was performed. `step` is the index of the present step,
+    and `lines` contains the zeros and passes of this step so far. `text` is the instruction or the
+    progress of the step or, if no verification is running, the result of the last verification.
     """
 
     stamp: Stamp

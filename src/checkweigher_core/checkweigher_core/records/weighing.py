@@ -16,10 +16,10 @@ from checkweigher_core.records.quantities import Stamp
 class Item(NanEqual):
     """Item on the line. The window, the estimate and the verdict of an item have its `item_id`.
 
-    The segmenter publishes an item when no later edge can change its number, and once more when its
-    edges are final and `complete` is set. `stamp` is the first known of `t1`, `t2` and `t3`.
-    `line_speed` is the speed of the item in m/s or, if t1 or t3 is unknown, the speed of the last
-    item with all edges. `stream` is the number of the stream of samples.
+    The segmenter publishes an item when no later edge can change its number. It publishes the item
+    once more, with `complete` set, when the edges of the item are final. `stamp` is the first known
+    of `t1`, `t2` and `t3`. `line_speed` is the speed of the item in m/s or, if t1 or t3 is unknown,
+    the speed of the last item with all edges. `stream` is the number of the stream of samples.
     """
 
     stamp: Stamp | None
@@ -37,8 +37,10 @@ class Item(NanEqual):
 class WeighWindow(NanEqual):
     """Signal of one item, with its times, speed and length from the photo-eyes.
 
-    `counts` contains the valid readings from before t1 until after t3, and is empty for a fault.
-    `denoised` contains the denoised signal in kg, and is empty before the stage denoise.
+    `counts` contains the readings in counts from before t1 until after t3, and is empty if the item
+    cannot be weighed. `denoised` contains the denoised signal in kg, and is empty until the stage
+    denoise has added it. `zero_std_dev` includes the effect of the uncertain lag of the load behind
+    the edges.
     """
 
     item_id: int  # number of the item from 1, in order of entry
@@ -47,12 +49,12 @@ class WeighWindow(NanEqual):
     t3: Stamp | None  # the item begins to leave the belt
     belt_speed: float = math.nan  # speed in m/s, weigh_length / (t3 - t1)
     product_length: float = math.nan  # length in m, belt_speed * (t2 - t1)
-    line_speed: float = math.nan  # belt_speed, or that of an earlier item if an edge is missing
+    line_speed: float = math.nan  # belt_speed, or speed in m/s of the last item with all edges
     sample_rate: float = math.nan  # sample rate in Hz
-    counts_per_kg: float = math.nan  # sensitivity of the static calibration
-    zero_counts: float = math.nan  # zero of the static calibration
+    counts_per_kg: float = math.nan  # sensitivity of the static calibration in counts/kg
+    zero_counts: float = math.nan  # zero of the static calibration in counts
     zero: float = math.nan  # tracked zero before t1 in counts
-    zero_std_dev: float = math.nan  # in counts, including the effect of the lag
+    zero_std_dev: float = math.nan  # standard deviation of `zero` in counts
     first_index: int = 0  # index of counts[0] in the stream
     stamp: Stamp = 0  # time of counts[0] minus the lag of the load behind the edges
     empty_begin: int = 0  # position in counts of the first sample after the previous item has left
@@ -80,7 +82,7 @@ class MassEstimate(NanEqual):
     """Mass of one item with its standard deviation, or the reasons why it has no mass.
 
     `mass`, `std_dev`, `b1` and `zero` (relative to the zero of the calibration) are in kg.
-    `natural_frequency` is in Hz. Coefficients that the estimator does not identify are NaN.
+    `natural_frequency` is in Hz. A coefficient that the estimator does not identify is NaN.
     """
 
     item_id: int
@@ -111,8 +113,9 @@ class MassEstimate(NanEqual):
 class ZeroChange:
     """Change of the zero by the service `zero`. Masses are in kg.
 
-    `zero` and `previous` are the new and the previous zero relative to the calibration, and
-    `std_dev` is the standard deviation of the new zero. `stamp` is the end of the measurement.
+    `zero` is the new zero and `previous` is the previous zero, both relative to the zero of the
+    calibration. `std_dev` is the standard deviation of the new zero. `stamp` is the end of the
+    measurement of the empty belt.
     """
 
     stamp: Stamp
