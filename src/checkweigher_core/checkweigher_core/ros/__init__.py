@@ -11,7 +11,7 @@ from checkweigher_core.ros.graph.discovery import set_profiles
 
 
 def _set_log_folder() -> None:
-    """Make rcl write its logs to a temporary folder if the user has no home folder."""
+    """Make rcl write its logs to a temporary folder if the user has no writable home folder."""
     home = os.environ.get('HOME', '')
     given = os.environ.get('ROS_LOG_DIR') or os.environ.get('ROS_HOME')
     if not given and not (home and os.access(home, os.W_OK)):
@@ -21,8 +21,9 @@ def _set_log_folder() -> None:
         os.environ['ROS_LOG_DIR'] = str(folder / 'log')
 
 
-# rclpy reads the environment when it creates a context. A node that is connected by DDS can stop a
-# line and change its limits, so nodes on other computers can connect only if the user allows it.
+# Set the environment before rclpy creates a context, because rclpy reads it then. A node that is
+# connected by DDS can stop a line and change its limits. Nodes on other computers can therefore
+# connect only if the user allows it.
 os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 _set_log_folder()
 set_profiles()

@@ -15,16 +15,16 @@ from checkweigher_core.ros import ports
 from checkweigher_core.ros.line_parameters import in_time
 
 _PATIENCE = 2.0  # longest wait for the answer of the service in s
-_DISCOVERY = 3.0  # time in s after the start of the node within which DDS discovers the service
+_DISCOVERY = 3.0  # longest time in s from the start of the node to the discovery of the service
 _LOOK_PERIOD = 0.1  # time in s between two checks for the service
-TIME_TO_CHANGE = _PATIENCE + 1.0  # longest time from an entry to its change in s
+TIME_TO_CHANGE = _PATIENCE + 1.0  # longest time in s from a log entry to the change that it states
 
 
 class ChangeRecord:
     """Client of the service that writes to the audit log of the lane.
 
     The service exists only if the lane has an audit log. After the client has discovered the
-    service once, its node makes no more changes without an entry.
+    service for the first time, its node makes no more changes without an entry.
     """
 
     def __init__(self, node: Node) -> None:
@@ -37,11 +37,11 @@ class ChangeRecord:
         self._needed = False
 
     def look(self) -> None:
-        """Check whether the service exists. Call this periodically."""
+        """Check whether the service exists. The node must call this method periodically."""
         self._needed = self._needed or self._client.service_is_ready()
 
     async def write(self, kind: str, subject: str, value: object) -> str:
-        """Write an entry. Returns why the change must not be made, or an empty string."""
+        """Write an entry before a change. Returns why the node must not make it, otherwise ''."""
         self.look()
         while not self._needed and time.monotonic() - self._began < _DISCOVERY:
             await in_time(self._node, self._group, Future(), _LOOK_PERIOD)
@@ -56,7 +56,8 @@ class ChangeRecord:
             future = self._client.call_async(request)
             answer = await in_time(self._node, self._group, future, _PATIENCE)
             self._client.remove_pending_request(future)
-        # A late answer is invalid, because the log may have further entries by now.
+        # After a late answer, the change must not be made: the node product may already have read
+        # the parameters, and would miss the change.
         if answer is None or time.monotonic() - asked > _PATIENCE:
             return f'not in the audit log: the node product did not answer within {_PATIENCE:g} s'
         return '' if answer.success else f'not in the audit log: {answer.message}'

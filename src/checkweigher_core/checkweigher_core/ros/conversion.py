@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Conversion of records to messages and back.
 
-Fields of the same name correspond, with the exceptions in `_FORMS`. Messages of rclpy and of bags
-can be converted to records. Every field is written in its exact Python type, because rclpy does not
-check types, and a numpy scalar in a field aborts the process at serialisation.
+A field of a record corresponds to the field of the message with the same name. `_FORMS` contains
+the exceptions. Messages of rclpy and messages from bags can be converted to records. Every field of
+a message is set to a value of its exact Python type, because rclpy does not check types, and a
+numpy scalar in a field aborts the process when the message is serialised.
 """
 
 import array
@@ -27,18 +28,20 @@ from checkweigher_core.ros.ports import Port, interface
 class _Form:
     """Differences between the fields of a record and of its message."""
 
-    # Name of the field of the record that is the stamp of the header. If the name is empty, the
-    # caller provides the stamp. A field in `names` also has its own field in the message.
+    # Name of the field of the record that becomes the stamp of the header. If the name is empty,
+    # the caller provides the stamp. If the name is also in `names`, the message contains the stamp
+    # a second time, in a field of its own.
     stamp: str = 'stamp'
     # The frame_id of the header, or a function that returns the frame_id of a record.
     frame: str | Callable[[Any], str] = ''
-    # Names of fields in the message by their names in the record, if these differ.
+    # Names of fields in the message by their names in the record, for names that differ.
     names: Mapping[str, str] = field(default_factory=dict)
     # Functions that compute further fields of the message from the record.
     derived: Mapping[str, Callable[[Any], object]] = field(default_factory=dict)
-    # Enumeration members for unknown values. Without such a member, the message is refused.
+    # Enumeration members that replace unknown values, by the name of the field. Without such a
+    # member, a message with an unknown value is refused.
     unknown: Mapping[str, object] = field(default_factory=dict)
-    # Values of the fields of a message that is converted to None.
+    # Values of fields by which a message means None. Such a message is converted to None.
     absent: Mapping[str, object] = field(default_factory=dict)
     # Function that corrects a record by means of its message.
     amend: Callable[[Any, Any], Any] | None = None
@@ -47,7 +50,10 @@ class _Form:
 
 
 def _with_reason(message: Any, estimate: records.MassEstimate) -> records.MassEstimate:
-    """Return an estimate with a reason if its mass is missing or impossible."""
+    """Return an estimate, with the reason Unknown if a mass and a reason are missing.
+
+    An impossible mass counts as missing.
+    """
     weighed = message.status == _WEIGHED and 0 < estimate.mass <= records.MAX_MASS
     return estimate if weighed or estimate.reasons else replace(estimate, reasons=('Unknown',))
 
@@ -94,9 +100,9 @@ _FORMS: dict[type, _Form] = {
 
 
 def to_message(port: Port, record: Any, *, stamp: int | None = None) -> Any:
-    """Return a record of a port, or None, as a message of rclpy.
+    """Return the rclpy message of a record, or the message that means None.
 
-    `stamp` is the stamp of the header in ns, for a record without a stamp.
+    `stamp` is the stamp of the header in ns. It is used only for a record without a stamp.
     """
     message = port.type()
     if record is None and port.record is not None:
@@ -107,8 +113,9 @@ def to_message(port: Port, record: Any, *, stamp: int | None = None) -> Any:
 def to_fields(record: Any, stamp: int | None = None) -> dict[str, Any]:
     """Return the message fields of a record by name.
 
-    The header and all times are mappings. Arrays are contiguous and have the type of the message.
-    Nested records are messages of rclpy. All other fields are built-in Python types.
+    The header and all times are mappings. Arrays are contiguous, and have the element type of the
+    message. Nested records are rclpy messages. All other values have built-in Python types. `stamp`
+    is used as in `to_message`.
     """
     plan = _plan(cast(Any, type(record)))
     form = plan.form
@@ -121,7 +128,7 @@ def to_fields(record: Any, stamp: int | None = None) -> dict[str, Any]:
 
 
 def to_record(port: Port, message: Any) -> Any:
-    """Return the record of a message of rclpy or of a bag, or None if the message means None.
+    """Return the record of a message from rclpy or a bag, or None if the message means None.
 
     The arrays of the record share the memory of the message, and are read-only.
 
@@ -144,11 +151,11 @@ def _record(kind: Any, message: Any) -> Any:
 
 
 def _filled(message: Any, fields: Mapping[str, Any]) -> Any:
-    """Fill an empty message, which is faster than to construct a message from its fields."""
+    """Fill an empty message, and return it. This is faster than constructing it from its fields."""
     for name, value in fields.items():
         if isinstance(value, dict):
             _filled(getattr(message, name), value)
-        elif isinstance(value, np.ndarray):  # rclpy takes twenty times as long for an ndarray
+        elif isinstance(value, np.ndarray):  # rclpy would need twenty times as long for an ndarray
             setattr(message, name, array.array(value.dtype.char, value.tobytes()))
         else:
             setattr(message, name, value)
@@ -191,7 +198,7 @@ def _plan(kind: Any) -> _Plan:
 
 
 def _newer(name: str, convert: _Get, default: object) -> tuple[_Get, _Get]:
-    """Return getter and converter of a field that is missing in messages of older bags."""
+    """Return getter and converter of a field that messages in older bags do not have."""
     return (
         lambda message: getattr(message, name, None),
         lambda value: default if value is None else convert(value),
@@ -199,7 +206,7 @@ def _newer(name: str, convert: _Get, default: object) -> tuple[_Get, _Get]:
 
 
 def newer_fields(record: type) -> frozenset[str]:
-    """Return the fields of a record that are missing in messages of older bags."""
+    """Return the names of the fields of a record that messages in older bags do not have."""
     return frozenset(_FORMS.get(record, _Form()).newer)
 
 
@@ -251,9 +258,9 @@ def _text(value: str) -> str:
 
 
 def _time(stamp: int | None) -> dict[str, int]:
-    """Return the fields of a time message for a stamp in ns, or 0 if the stamp is unknown.
+    """Return the fields of a time message for a stamp in ns. They are 0 if the stamp is unknown.
 
-    A stamp after the year 2038, which a time message cannot hold, counts as unknown.
+    A stamp after January 2038, which a time message cannot contain, counts as unknown.
     """
     sec, nanosec = divmod(int(stamp or 0), records.NANOSECONDS)
     held = -(2**31) <= sec < 2**31
@@ -277,7 +284,10 @@ def _bounded(field: Any, most: int = _MOST) -> Any:
 
 
 def _shared(field: Any, dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Return the array of a field, read-only because other nodes may share the message."""
+    """Return the array of a field without copying it.
+
+    The array is read-only, because other nodes may use the same message.
+    """
     values: NDArray[Any] = np.frombuffer(_bounded(field, records.MAX_WINDOW), dtype)
     values.flags.writeable = False
     return values

@@ -24,8 +24,9 @@ class Diagnostics:
     """Publisher of the findings of a node.
 
     The first status of a message describes the node by its worst level, last warning, counters and
-    host name. The other statuses are named '<node>: <Aspect>', as in diagnostic_updater. `diagnose`
-    returns the findings at a time in s on the monotonic clock.
+    host name. Each other status contains one finding, and is named '<node>: <Aspect>', as in the
+    package diagnostic_updater. The function `diagnose` returns the findings at a time in s on the
+    monotonic clock.
     """
 
     def __init__(self, node: PortNode, diagnose: Callable[[float], Iterable[Finding]]) -> None:
@@ -39,21 +40,21 @@ class Diagnostics:
         self.connections = Connections(node, time.monotonic())
 
     def start(self) -> None:
-        """Begin to publish once a second."""
+        """Start to publish the findings once a second."""
         self._node.create_timer(_PERIOD, self._publish)
 
     def set_hardware(self, load_cell: LoadCell) -> None:
-        """Set the hardware ID to model and serial number of a load cell."""
+        """Set the hardware ID of each status to the model and serial number of a load cell."""
         self._hardware_id = (
             '/'.join(filter(None, (load_cell.model, load_cell.serial_number))) or 'checkweigher'
         )
 
     def count(self, name: str) -> None:
-        """Count an event. Events with the same name must be counted by one thread."""
+        """Count an event. All events with the same name must be counted by the same thread."""
         self._counters[name] = self._counters.get(name, 0) + 1
 
     def warn(self, text: str) -> None:
-        """Log a warning and publish it. The same text is logged at most once a second."""
+        """Log a warning and publish it. A repeated text is logged at most once a second."""
         text = one_line(text)
         self._warning = self._last_warning = text
         now = time.monotonic()
@@ -83,14 +84,18 @@ class Diagnostics:
             return [Finding(aspect, Level.ERROR, text, hint)]
 
     def _summary(self, findings: list[Finding]) -> Finding:
-        """Return the finding on the node as a whole. A warning is published once."""
+        """Return the finding on the node as a whole.
+
+        If no finding is an error, a new warning becomes the text of one message. Later messages
+        contain it only as the last warning.
+        """
         worst = max(findings, key=lambda finding: finding.level)
         level = worst.level
         text = f'{worst.aspect}: {worst.message}' if level > Level.OK else 'running'
         if self._warning and level <= Level.WARN:
             level, text = Level.WARN, self._warning
         self._warning = ''
-        # The counters are copied, because other threads change them.
+        # Copy the counters, because other threads change them.
         values: dict[str, float | str] = {HOST: socket.gethostname(), **self._counters}
         if self._last_warning:
             values['last warning'] = self._last_warning

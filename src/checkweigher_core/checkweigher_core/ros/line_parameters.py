@@ -22,15 +22,16 @@ class RefusedError(Exception):
 
 
 class HalfSetError(RefusedError):
-    """Raised if a node refuses a change, and an earlier change cannot be undone."""
+    """Raised if a node refuses a change, and not all changes can be undone."""
 
 
 class LineParametersClient:
     """Client of the parameter services of the nodes in the namespace of `node`.
 
-    A callback of a single-threaded executor may await the coroutines. The executor serves other
-    callbacks meanwhile. The client has its own callback group, because the waiting callback blocks
-    its group. `patience` is the longest wait for an answer in s.
+    A callback in a single-threaded executor may await the coroutines of this class. The executor
+    serves other callbacks meanwhile. The client has its own callback group, because the awaiting
+    callback blocks the group to which it belongs. `patience` is the longest wait for an answer in
+    s.
     """
 
     def __init__(self, node: Node, patience: float) -> None:
@@ -44,12 +45,15 @@ class LineParametersClient:
         return bool(self._client(node).services_are_ready())
 
     async def get_all(self, node: str) -> Values:
-        """Return all parameters of a node. Raises `RefusedError` if it does not answer."""
+        """Return all parameters of a node. Raises `RefusedError` if the node does not answer."""
         listed = await self.answer(node, self._client(node).list_parameters())
         return await self.get(node, list(listed.result.names))
 
     async def get(self, node: str, names: list[str]) -> Values:
-        """Return some parameters of a node. Raises `RefusedError` if one of them is missing."""
+        """Return some parameters of a node.
+
+        Raises `RefusedError` if the node does not have all of them, or does not answer.
+        """
         answer = await self.answer(node, self._client(node).get_parameters(names))
         if len(answer.values) != len(names):
             raise RefusedError(f'{node}: lacks one or more of {", ".join(names)}')
@@ -71,14 +75,15 @@ class LineParametersClient:
                 done.append(node)
                 await self._set_one(node, values)
         except RefusedError as error:
-            # The last node is included, because it may have made its change without an answer.
+            # Also restore the node that caused the error, because a node that did not answer may
+            # have made its change.
             lost = [text for node in done if (text := await self._put_back(node, before[node]))]
             if lost:
                 raise HalfSetError('; '.join([str(error), *lost])) from None
             raise
 
     async def _put_back(self, node: str, values: Values) -> str:
-        """Restore the parameters of a node; return the reason of a failure, or an empty string."""
+        """Restore the parameters of a node. Returns the reason of a failure, otherwise ''."""
         try:
             await self._set_one(node, values)
         except RefusedError as error:
@@ -105,10 +110,9 @@ class LineParametersClient:
 
 
 class LineNodes:
-    """Detector of node starts in the namespace of a node.
+    """Detector of nodes that start in the namespace of a given node.
 
-    A node that starts creates a new publisher of parameter events, which is visible in the ROS
-    graph.
+    A node that starts creates a new publisher of parameter events, which the ROS graph shows.
     """
 
     def __init__(self, node: Node) -> None:

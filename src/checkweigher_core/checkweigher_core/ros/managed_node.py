@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Stage nodes with a life cycle, whose outputs are safe until the node is activated."""
+"""Base class of stage nodes with a life cycle. Their outputs are safe until they are activated."""
 
 from collections.abc import Callable
 from typing import Any
@@ -21,9 +21,9 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
     """Stage node with the states of a ROS managed node.
 
     A subclass overrides `configure`, `activate`, `deactivate` and `clean_up`, and calls `begin` at
-    the end of its constructor. An exception in one of these methods is logged, and the transition
-    fails. If the parameter ``autostart`` is true, the node configures and activates itself. `state`
-    is unconfigured, inactive, active or finalized.
+    the end of its constructor. If one of the overridden methods raises an exception, the exception
+    is logged, and the transition fails. If the parameter ``autostart`` is true, the node configures
+    and activates itself. `state` is unconfigured, inactive, active or finalized.
     """
 
     def __init__(self, parameters: type[P], **options: Any) -> None:
@@ -54,11 +54,11 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
     def begin(self) -> None:
         """Configure the node if ``autostart`` is true.
 
-        Raises `ParameterError` if that fails; the node is then destroyed.
+        If that fails, the node is destroyed, and `ParameterError` is raised.
         """
         if not getattr(self.parameters, 'autostart', True):
             return
-        self._beginning = True  # a failure is not logged now, because ParameterError reports it
+        self._beginning = True  # do not log a failure, because ParameterError reports it
         configured = self.trigger_configure()
         self._beginning = False
         if configured != _SUCCESS:
@@ -92,7 +92,10 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
         return self._attempt('shut down', self._release, 'finalized', _ERROR)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Make the outputs safe. The node is then unconfigured, or finalized after a failure."""
+        """Make the outputs safe after the failure of a transition.
+
+        The node is then unconfigured or, if the outputs cannot be made safe, finalized.
+        """
         recovered = self._attempt('recover', self._release, 'unconfigured', _FAILURE)
         if recovered != _SUCCESS:
             self.state = 'finalized'
@@ -104,7 +107,10 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
             self.trigger_shutdown()
 
     def destroy_node(self) -> None:
-        """Destroy the node and its state machine, which would keep the node in the graph."""
+        """Destroy the node and its state machine.
+
+        The state machine would otherwise keep the node in the ROS graph.
+        """
         super().destroy_node()
         for name in vars(self).get('_life_cycle', ()):  # not set if the constructor has failed
             delattr(self, name)
@@ -131,9 +137,10 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
         return _SUCCESS
 
     def _refusing(self, change_state: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-        """Return a service callback that refuses transitions which the present state forbids.
+        """Return a service callback that refuses a transition if the present state forbids it.
 
-        For such a transition, rclpy raises an exception that would end the executor.
+        For such a transition, the callback of rclpy raises an exception, which would end the
+        executor.
         """
 
         def answer(request: Any, response: Any) -> Any:

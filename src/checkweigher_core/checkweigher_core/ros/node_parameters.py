@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Declaration of parameter sets as parameters of a node."""
+"""Declaration of parameter sets as ROS parameters of a node."""
 
 from collections.abc import Mapping
 from dataclasses import Field
@@ -20,7 +20,7 @@ P = TypeVar('P', bound=Parameters)
 
 
 def ros_parameters(values: Mapping[str, object]) -> list[Parameter]:
-    """Return names and values as ROS parameters."""
+    """Return the ROS parameters with the names and values of a mapping."""
     return [
         Parameter(name, value=list(value) if isinstance(value, tuple) else value)
         for name, value in values.items()
@@ -34,7 +34,8 @@ def descriptor(entry: 'Field[Any]', *, read_only: bool) -> ParameterDescriptor:
         description=allowed.text + (f' [{allowed.unit}]' if allowed.unit else ''),
         additional_constraints='one of ' + ', '.join(allowed.choices) if allowed.choices else '',
         read_only=read_only,
-        # rclpy takes an empty list for a list of bytes, and would then refuse numbers.
+        # The type must be dynamic if the default is an empty list. rclpy takes such a default for a
+        # list of bytes, and would refuse numbers.
         dynamic_typing=entry.default == (),
     )
     bounded = math.isfinite(allowed.minimum) or math.isfinite(allowed.maximum)
@@ -53,9 +54,10 @@ def descriptor(entry: 'Field[Any]', *, read_only: bool) -> ParameterDescriptor:
 
 
 def declare(node: Node, parameters: type[P], prefix: str = '', *, read_only: bool) -> P:
-    """Declare a parameter set to ROS and return it with the values given to the node.
+    """Declare a parameter set to ROS, and return it with the values given to the node.
 
-    The names get a `prefix`. Raises `ParameterError` if a value is invalid.
+    The ROS name of a parameter is its name in the set after the `prefix`. Raises `ParameterError`
+    if a value is invalid.
     """
     values = {}
     for own_name, entry in parameters.entries().items():
@@ -75,9 +77,10 @@ def declare(node: Node, parameters: type[P], prefix: str = '', *, read_only: boo
 def _declare_list(
     node: Node, name: str, entry: 'Field[Any]', default: list[float], *, read_only: bool
 ) -> None:
-    """Declare a list of numbers, which keeps this type if it is empty.
+    """Declare a parameter that is a list of numbers, even if the list is empty.
 
-    rcl reads an empty list in a parameter file as a parameter without a value.
+    An empty list is set explicitly, because rcl reads an empty list in a parameter file as a
+    parameter without a value.
     """
     writable, final = (descriptor(entry, read_only=each) for each in (False, read_only))
     value = node.declare_parameter(name, default, writable).value
@@ -88,10 +91,11 @@ def _declare_list(
 
 
 def as_declared(declared: Parameter, change: Parameter) -> Parameter:
-    """Return a change with its numbers in the type of the declared parameter, if they fit.
+    """Return a change whose value has the type of the declared parameter, if it can be converted.
 
     `ros2 param load` and `ros2 param set` guess the type from the text. They take inf and 1e-05 for
-    strings, 1 for an integer, and an empty list for a list of bool.
+    strings, 1 for an integer, and an empty list for a list of bool. Only a number or a list of
+    numbers is converted. Any other change is returned unchanged.
     """
     kind, value = declared.type_, change.value
     if change.type_ in (kind, Parameter.Type.BOOL):

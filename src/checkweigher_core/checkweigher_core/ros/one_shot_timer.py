@@ -14,9 +14,10 @@ from checkweigher_core.ros.outputs import LOCK
 class OneShotTimer:
     """Timer that calls a function once at a given time in ns on the monotonic clock.
 
-    All timers of a process share one thread, because each wake of an executor of rclpy takes 1 ms.
-    The thread holds the lock of the process while it calls the function. Callers of the other
-    methods must hold the lock, too, so a timer does not fire after it was cleared.
+    All timers of a process share one thread of their own, because each wake of an rclpy executor
+    takes 1 ms or more. The thread holds the lock of the process while it calls the function. A
+    caller of `set`, `set_by` or `clear` must also hold the lock, so that a timer does not fire
+    after it was cleared.
 
     Parameters
     ----------
@@ -32,7 +33,7 @@ class OneShotTimer:
         self._fail = fail
 
     def set(self, due: int) -> None:
-        """Set the time in ns at which the timer fires."""
+        """Set the time in ns on the monotonic clock at which the timer fires."""
         self.due = due
         _thread.serve(self, due)
 
@@ -42,11 +43,11 @@ class OneShotTimer:
             self.set(due)
 
     def clear(self) -> None:
-        """Stop the timer."""
+        """Stop the timer, which then does not fire."""
         self.due = None
 
     def fire(self) -> None:
-        """Call the function if its time has been reached."""
+        """Call the function if the time of the timer has come."""
         with LOCK:
             if self.due is None or self.due > time.monotonic_ns():
                 return
@@ -58,7 +59,7 @@ class OneShotTimer:
 
 
 class _TimerThread:
-    """Thread that fires the timers of a process, started when the first timer is set."""
+    """Thread that fires the timers of a process. It is started when the first timer is set."""
 
     def __init__(self) -> None:
         self._timers: set[OneShotTimer] = set()
@@ -86,7 +87,7 @@ class _TimerThread:
         with self._set:
             while True:
                 times = {each: due for each in self._timers if (due := each.due) is not None}
-                self._timers = set(times)  # timers that were cleared or have fired are removed
+                self._timers = set(times)  # without the timers that were cleared or have fired
                 now, self._wakes = time.monotonic_ns(), min(times.values(), default=math.inf)
                 if self._wakes <= now:
                     return [each for each, due in times.items() if due <= now]

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Outputs and inputs of nodes, connected by function calls in a process and otherwise by DDS."""
+"""Outputs and inputs of nodes, connected by function calls within a process, otherwise by DDS."""
 
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -20,13 +20,14 @@ from checkweigher_core.parameters import ParameterError
 from checkweigher_core.ros.conversion import to_message, to_record
 from checkweigher_core.ros.ports import Port, fits
 
-# Lock of the process. Callbacks run in the thread of the executor, and in the thread of the driver
-# that reads the samples. The lock ensures that only one callback runs at a time.
+# Lock of the process. Callbacks run in the thread of the executor, in the thread of the one-shot
+# timers, and in the thread of the driver that reads the samples. The lock ensures that only one
+# callback runs at a time.
 LOCK = threading.RLock()
 Callback = Callable[[Any], None]  # function that processes a record
 _POLL_PERIOD = 0.02  # time in s between two searches for a consumer
-_CONSUMER_PATIENCE = 5.0  # time in s after which any subscriber counts as the consumer
-_SETTLE_TIME = 0.2  # time in s without a new subscriber after which records are sent
+_CONSUMER_PATIENCE = 5.0  # time in s after which any subscriber counts as a consumer
+_SETTLE_TIME = 0.2  # time in s without a new subscriber after which the kept records are sent
 _MAX_HELD = 10_000  # largest number of records that are kept for a consumer
 
 
@@ -41,15 +42,15 @@ class Output:
         self.port = port
         self.qos = copy.copy(port.qos)
         self.takers: list[Input] = []
-        # Endpoints have no event callbacks, which would slow down each wake of the executor. The
-        # class `Connections` detects incompatible QoS instead.
+        # Create the endpoint without event callbacks, which would slow down each wake of the
+        # executor. The class `Connections` detects incompatible QoS instead.
         events = PublisherEventCallbacks(use_default_callbacks=False)
         self.publisher = _endpoint(node.create_publisher, port, self.qos, event_callbacks=events)
         self.topic_name: str = self.publisher.topic_name
         self._latched = self.qos.durability != DurabilityPolicy.VOLATILE
 
     def send(self, record: Any, **header: Any) -> None:
-        """Send a record. The arguments `header` are passed to `to_message`."""
+        """Send a record to all takers and subscribers. `header` is passed to `to_message`."""
         with LOCK:
             if self._latched or self.publisher.get_subscription_count() > 0:
                 is_message = self.port.record is None
@@ -60,7 +61,7 @@ class Output:
                 taker.take(record)
 
     def connected(self) -> None:
-        """Notify the output that all its takers in this process are connected."""
+        """Notify the output that all its takers are connected."""
 
     def count(self) -> int:
         """Return the number of subscribers, in this process and over DDS."""
@@ -73,9 +74,10 @@ class HeldOutput(Output):
     The nodes of a line discover each other in any order. A record that is sent too early would be
     lost, and its item would get no verdict. After a consumer has been discovered, records are sent
     immediately. An input in the same process is a consumer. A subscriber in another process is a
-    consumer if its node also publishes messages of the type of the port `answer`, so a recorder is
-    no consumer. If `answer` is None, or if no consumer has appeared after some time, any subscriber
-    counts as a consumer. The function `before` is called with each record just before it is sent.
+    consumer if its node also publishes messages of the type of the port `answer`. A recorder is
+    therefore not a consumer. If `answer` is None, or if no consumer has been discovered within 5 s
+    after the first subscriber, any subscriber counts as a consumer. The function `before` is called
+    with each record just before the record is sent.
     """
 
     def __init__(
@@ -100,7 +102,7 @@ class HeldOutput(Output):
             super().send(record, **header)
 
     def connected(self) -> None:
-        """Send the kept records if this process has a taker, otherwise look for a consumer."""
+        """Send the kept records if there is a taker, otherwise search for a consumer by a timer."""
         if self.takers:
             self._release()
         else:
@@ -125,11 +127,12 @@ class HeldOutput(Output):
 
     def _has_consumer(self, matched: int) -> bool:
         readers = self._node.get_subscriptions_info_by_topic(self.topic_name)
-        # Wait until all subscribers in the graph are connected.
+        # Wait until all subscribers in the ROS graph are connected.
         if matched < len(readers):
             return False
         if self._answer is None:
-            # Wait for further subscribers, which a restarted node discovers one by one.
+            # Wait until no further subscriber appears, because a restarted node discovers the
+            # subscribers one by one.
             return time.monotonic() - self._matched[1] > _SETTLE_TIME
         return any(
             self._answer.message_type
@@ -140,7 +143,7 @@ class HeldOutput(Output):
     def _types_published_by(self, name: str, namespace: str) -> set[str]:
         try:
             published = self._node.get_publisher_names_and_types_by_node(name, namespace)
-        except RuntimeError:  # the graph has the endpoints of the node, but not the node yet
+        except RuntimeError:  # the ROS graph contains endpoints of the node, but not yet the node
             return set()
         return {kind for _, kinds in published for kind in kinds}
 
@@ -148,9 +151,10 @@ class HeldOutput(Output):
 class Input:
     """Input of a node for the records of a port.
 
-    The callback gets each record from the outputs `makers` in the same process. Without such an
-    output, the input has a `subscription` with `qos`. An exception of the callback is passed to
-    ``node.refuse``. If a `needed` input has no publisher, the diagnostics show an error.
+    The callback gets each record of the outputs `makers` in the same process. If there is no such
+    output, the input has a `subscription` with the QoS profile `qos`. An exception of the callback
+    is passed to ``node.refuse``. If a `needed` input has no publisher, the diagnostics show an
+    error.
     """
 
     def __init__(
@@ -166,7 +170,7 @@ class Input:
         self._callback = callback
 
     def take(self, record: Any) -> None:
-        """Call the callback with a record."""
+        """Call the callback with a record, and pass an exception to the node."""
         self._node.received(self.port)
         try:
             self._callback(record)
@@ -198,8 +202,9 @@ class Input:
 def connect(nodes: Sequence[Any]) -> None:
     """Connect the inputs and outputs of the nodes of a process, before the nodes start.
 
-    An output calls each input of these nodes with the same topic and a compatible QoS. Inputs
-    without such an output subscribe over DDS.
+    An output passes its records by function calls to each input of these nodes that has the same
+    topic and a compatible QoS. An input to which no output of these nodes passes records gets a
+    subscription over DDS.
     """
     outputs = [output for node in nodes for output in getattr(node, 'outputs', ())]
     for entry in [entry for node in nodes for entry in getattr(node, 'inputs', ())]:
@@ -231,7 +236,11 @@ def disconnect(node: Any) -> None:
 
 
 def _endpoint(create: Callable[..., Any], port: Port, *arguments: Any, **events: Any) -> Any:
-    """Return an endpoint. Parameters may override its depth, history and reliability."""
+    """Return a new publisher or subscription of a port.
+
+    Parameters of the node may override the depth, the history and the reliability. Raises
+    `ParameterError` if such a parameter is invalid.
+    """
     overriding = QoSOverridingOptions.with_default_policies()
     try:
         return create(port.type, port.name, *arguments, qos_overriding_options=overriding, **events)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Node with inputs and outputs, and with callbacks that hold the lock of the process."""
+"""Base class of nodes with inputs and outputs, whose callbacks hold the lock of the process."""
 
 from collections.abc import Awaitable, Callable, Generator
 from functools import partial
@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 class PortNode(Node):
     """Node with inputs and outputs.
 
-    Callbacks of inputs, timers, services and actions hold the process lock. The node receives
-    records after `checkweigher_core.ros.outputs.connect` was called with it. `spinner` runs its
-    callbacks.
+    The callbacks of inputs, timers, services and actions hold the lock of the process. The node
+    receives records after it was passed to `checkweigher_core.ros.outputs.connect`. `spinner` is
+    the thread that runs the callbacks of the node.
     """
 
     spinner: 'Spinner | None' = None
@@ -54,7 +54,7 @@ class PortNode(Node):
     def held_output(
         self, port: Port, answer: Port | None = None, before: Callback | None = None
     ) -> Output:
-        """Return a new output that waits for a consumer; see `HeldOutput`."""
+        """Return a new output that keeps its records until there is a consumer (`HeldOutput`)."""
         self.outputs.append(HeldOutput(self, port, answer, before))
         return self.outputs[-1]
 
@@ -67,16 +67,16 @@ class PortNode(Node):
         return entry
 
     def received(self, port: Port) -> None:
-        """Notify the node that a record has arrived."""
+        """Notify the node that a record of a port has arrived."""
 
     def refuse(self, port: Port, error: Exception) -> None:
-        """Log a record whose callback has failed. The node goes on."""
+        """Log that the conversion or the callback failed for a record. The node continues."""
         self.warn(f'refused a message on {port.name}: {type(error).__name__}: {error}')
 
     def create_timer(
         self, timer_period_sec: float, callback: Callable[[], Any], *args: Any, **options: Any
     ) -> Timer:
-        """Create a timer. An exception of its callback is logged, and the node goes on."""
+        """Create a timer. An exception of its callback is logged, and the node continues."""
         guarded = self._guarded(locked(callback), 'a timer failed')
         return super().create_timer(timer_period_sec, guarded, *args, **options)
 
@@ -97,8 +97,8 @@ class PortNode(Node):
     ) -> Subscription:
         """Create a subscription. Malformed messages and exceptions of the callback are logged.
 
-        For a malformed message, rclpy would raise an exception in its executor, and the callback
-        group would stay blocked. With `raw` the callback gets the bytes of the message.
+        For a malformed message, rclpy would raise an exception in its executor, and would leave the
+        callback group blocked. If `raw` is true, the callback gets the bytes of the message.
         """
 
         def convert(data: bytes) -> Any:
@@ -110,7 +110,7 @@ class PortNode(Node):
     def _guarded(
         self, callback: Callable[..., Any], what: str, otherwise: Callable[[], Any] = lambda: None
     ) -> Callable[..., Any]:
-        """Return a callback that handles an exception by `fail`, and then returns `otherwise()`."""
+        """Return a callback that passes an exception to `fail`, and then returns `otherwise()`."""
 
         async def call(*args: Any) -> Any:
             try:
@@ -127,9 +127,11 @@ class PortNode(Node):
     ):
         """Create a service. If its callback fails, the client gets an empty response.
 
-        A callback that returns a text sets `success` and `message` of the response. It raises
-        ValueError with the message of a refusal, which is also logged. The parameter services of
-        rclpy, which raise an exception for a value of an unknown type, are created here, too.
+        If the callback returns a text, the text becomes the `message` of the response, and
+        `success` is set to true. If the callback raises ValueError, the text of the exception
+        becomes the `message`, `success` stays false, and the refusal is logged. rclpy also creates
+        its parameter services by this method, so that the exception that they raise for a value of
+        an unknown type is handled.
         """
         own = locked(callback)
 
@@ -145,11 +147,13 @@ class PortNode(Node):
                 return response
             if isinstance(answered, str):
                 response.success, response.message, answered = True, answered, response
-            serialize_message(answered)  # an invalid field raises an exception here
+            # Serialise the response now, so that an exception for an invalid field is handled.
+            serialize_message(answered)
             return answered
 
         guarded = self._guarded(answer, f'refused a call of {srv_name}', srv_type.Response)
-        # Each service has its own callback group, because a malformed request blocks the group.
+        # Give each service a callback group of its own, because a malformed request blocks the
+        # group.
         group = options.pop('callback_group', None) or MutuallyExclusiveCallbackGroup()
         return super().create_service(srv_type, srv_name, guarded, callback_group=group, **options)
 
@@ -164,12 +168,12 @@ class PortNode(Node):
         work: Callable[[Any, Any, Callable[..., None]], Awaitable[None]],
         cancel: Callable[[], object],
     ) -> None:
-        """Create a server of an action.
+        """Create an action server.
 
         The coroutine function `work` is called with the goal, the result to fill in, and a function
-        that publishes the feedback given by its keyword arguments. It raises `ValueError` with the
-        reason of a refusal or failure, which becomes the message in the result. The function
-        `cancel` makes it end early.
+        that publishes feedback with the values of its keyword arguments. If `work` refuses the goal
+        or fails, it raises `ValueError` with the reason, which becomes the `message` of the result.
+        The function `cancel` makes `work` end early.
         """
         own, end = locked(work), locked(cancel)
 
@@ -195,13 +199,14 @@ class PortNode(Node):
             end()
             return CancelResponse.ACCEPT
 
-        # Other callbacks run while a goal is being done, and a malformed request blocks no group.
+        # In a reentrant group, other callbacks run while a goal is executed, and a malformed
+        # request does not block the group.
         group = ReentrantCallbackGroup()
         options = {'cancel_callback': on_cancel, 'callback_group': group}
         self._action_servers.append(ActionServer(self, kind, name, execute, **options))
 
     def fail(self, error: Exception, what: str = 'a callback failed') -> None:
-        """Log an exception of a callback. The node goes on."""
+        """Log an exception of a callback. The node continues."""
         self.warn(f'{what}: {type(error).__name__}: {error}')
 
     def warn(self, text: str) -> None:
@@ -220,7 +225,7 @@ class PortNode(Node):
 
 
 def locked(callback: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a callback that holds the lock of the process, except while it awaits a result."""
+    """Return a callback that holds the lock of the process, except while it awaits a future."""
     if inspect.iscoroutinefunction(callback):
 
         async def in_steps(*args: Any) -> Any:

@@ -1,9 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Table of the topics ("ports") of a lane, with message, publisher and subscribers.
+"""Table of the topics of a lane, called ports, each with message, publisher and subscribers.
 
 Nodes, QoS checks, recordings and docs use this table. All names except /diagnostics are relative,
-because each lane has its own namespace. The import of this module does not import ROS.
+because each lane has its own namespace. The import of this module does not import rclpy, so that
+programs without a node can read the table.
 """
 
 from copy import copy
@@ -18,8 +19,8 @@ if TYPE_CHECKING:
     from rclpy.qos import QoSProfile
 
 
-# Nodes of the line with their modules, in the order of their shutdown. The executables have the
-# names of the nodes.
+# Nodes of the line with their modules, in the order in which they are shut down. Each executable
+# has the name of its node.
 NODES = {
     'driver': 'checkweigher_driver.driver_node',
     'product': 'checkweigher_production.nodes.product',
@@ -35,8 +36,9 @@ STAGES = ('segmenter', 'denoise', 'identifier', 'reject')
 class History(NamedTuple):
     """Number of messages that a publisher keeps, and their availability to late subscribers.
 
-    If `latched` is set, the durability of the publisher is transient local. If `stage_latched` is
-    set, the nodes of the line request the kept messages.
+    `depth` is the number of messages. If `latched` is set, late subscribers may request the kept
+    messages (durability transient local). If `stage_latched` is set, the nodes of the line request
+    them.
     """
 
     depth: int
@@ -44,7 +46,8 @@ class History(NamedTuple):
     stage_latched: bool = False
 
 
-# Samples and edges: no message may be lost. The depth is 10 s of blocks of 10 ms.
+# Samples, edges, windows and other events: no message may be lost. The depth is enough for 10 s of
+# blocks that contain 10 ms of signal each.
 STREAM = History(1000)
 # States: only the latest message is valid.
 STATE = History(1, latched=True, stage_latched=True)
@@ -55,7 +58,7 @@ RESULTS = History(1000, latched=True)
 # Periodic messages: only the latest message is valid.
 MOMENT = History(1)
 FRESH_TIME = 0.35  # time in s after which a periodic message expires
-_PROMISED = 0.75  # deadline of the publisher, as a fraction of `Port.holds`
+_PROMISED = 0.75  # deadline and liveliness lease of the publisher, as a fraction of `Port.holds`
 
 
 @dataclass(frozen=True)
@@ -89,12 +92,16 @@ class Port:
         from rclpy.qos import ReliabilityPolicy
 
         profile = self._profile(latched=self.history.stage_latched, share=1.0)
-        if self.holds:  # the retransmission of a lost message must not delay the next message
+        if self.holds:
+            # Do not request retransmission, because it would delay the messages after a lost one.
             profile.reliability = ReliabilityPolicy.BEST_EFFORT
         return profile
 
     def _profile(self, *, latched: bool, share: float) -> 'QoSProfile':
-        """Return a reliable profile, whose deadline is the fraction `share` of `holds`."""
+        """Return a reliable profile.
+
+        The deadline and the liveliness lease are the fraction `share` of `holds`.
+        """
         from rclpy.duration import Duration
         from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 
@@ -188,7 +195,7 @@ SEGMENTER_STATUS = Port(
     'segmenter/status', 'checkweigher_msgs/msg/StreamStatus', records.StreamStatus, STATE,
     'segmenter', ('driver', 'reject'), (),
     'Numbers of samples, edges and items processed, which pace a replay. Sent with the samples, '
-    'when an item begins to leave, and after each repeated `load_cell/status`')
+    'when an item begins to leave, and in answer to each repeated `load_cell/status`')
 DENOISED_WINDOW = Port(
     'denoised_window', 'checkweigher_msgs/msg/WeighWindow', records.WeighWindow, STREAM,
     'denoise', ('identifier',), ('denoise', 'identifier'),
@@ -213,7 +220,7 @@ PERMISSION = Port(
     'reject', ('line', 'driver'), (),
     'Permission to run, ten times a second; the line stops if it is false or does not arrive',
     holds=FRESH_TIME, recorded=False)
-# The segmenter needs no such topic, because its status serves the same purpose.
+# Heartbeats of stages. The segmenter needs none, because its status serves the same purpose.
 ALIVE = {
     stage: Port(
         f'{stage}/alive', 'std_msgs/msg/Empty', None, MOMENT, stage, ('reject',), (),
@@ -265,17 +272,17 @@ ALARMS = Port(
 DIAGNOSTICS = Port(
     '/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', None, History(10),
     'every node', ('users',), (), 'Status once a second; see [Diagnostics](reasons.md#diagnostics)')
-# The node dynamic_setting is not part of the line.
+# Not in `ALL`, because the node dynamic_setting is not part of the line.
 DYNAMIC_SETTING = Port(
     'dynamic_setting', 'checkweigher_msgs/msg/DynamicSetting', None, STATE,
     'dynamic_setting', ('users',), (),
     'State of the dynamic setting: recorded passes, learned file, or cause of a failure')
-# The node verifier is not part of the line.
+# Not in `ALL`, because the node verifier is not part of the line.
 VERIFICATION_PROGRESS = Port(
     'verification_progress', 'checkweigher_msgs/msg/VerificationProgress',
     records.VerificationProgress, STATE, 'verifier', ('users',), (),
     'Progress of a verification that the page guides, and its question to the operator')
-# All topics of a lane. A replay reads only the first four from its bag.
+# All topics of the line and of its verification. A replay reads only the first four from its bag.
 ALL = (
     LOAD_CELL_INFO, LOAD_CELL_SAMPLES, PHOTO_EYES, REFERENCE_MASS, DRIVER_STATUS, ITEMS,
     WEIGH_WINDOW, SEGMENTER_STATUS, ZERO_SETTING, DENOISED_WINDOW, MASS_ESTIMATE, VERDICT,
@@ -283,7 +290,8 @@ ALL = (
     PRODUCT_ON_LINE, PRODUCT_IN_USE, PERFORMANCE_TEST, STATISTICS, FILLER_FEEDBACK, BATCH_RESULT,
     ALARMS, VERIFICATION, DIAGNOSTICS,
 )
-# The page subscribes to the results all the time, and to the signals while a viewer is connected.
+# Topics of a lane to which the page always subscribes (results), and to which it subscribes while a
+# viewer is connected (signals).
 PAGE_RESULTS = (
     LOAD_CELL_INFO, PHOTO_EYES, REFERENCE_MASS, MASS_ESTIMATE, VERDICT, STATISTICS,
     FILLER_FEEDBACK, STOP_REQUEST, ALARMS, ZERO_SETTING,
@@ -311,7 +319,7 @@ RESTART_LINE = 'restart_line'
 CANCEL_PASSES = 'cancel_passes'
 SHOW_TUNED, ACCEPT_TUNED = 'show_tuned', 'accept_tuned'
 CANCEL_VERIFICATION = 'cancel_verification'
-# Services with types of their own, except acknowledge_alarms.
+# Services with types of their own. Only acknowledge_alarms has the type std_srvs/srv/Trigger.
 CALIBRATE_SPAN = 'calibrate_span'
 FINISH_CALIBRATION = 'finish_calibration'
 BEGIN_VERIFICATION, ANSWER_VERIFICATION = 'begin_verification', 'answer_verification'

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Execution of nodes in a process, until a signal ends it."""
+"""Execution of nodes in a process until a signal ends the process."""
 
 from collections.abc import Callable, Sequence
 import contextlib
@@ -24,12 +24,13 @@ from checkweigher_core.printable import one_line
 from checkweigher_core.ros.spinner import Spinner
 from checkweigher_core.ros.stage_node import StageNode
 
-# Block size in bytes above which glibc returns freed memory to the system. By default it rises with
-# the size of freed blocks, so a process would keep the memory of a large message.
+# Block size in bytes above which glibc returns freed memory to the system. By default, this size
+# grows with the largest freed block, so a process would keep the memory of a large message.
 _MMAP_THRESHOLD, _LARGE = -3, 2**17  # number of the option M_MMAP_THRESHOLD, and its value
-_FAREWELL = Duration(seconds=1)  # longest wait for the arrival of the last messages
-# Time in s after which a process ends that hangs while it destroys its nodes. The node `verifier`
-# may need 20 s to complete its report.
+_FAREWELL = Duration(seconds=1)  # longest wait for the arrival of the last messages of a node
+
+# Time in s after which a process that hangs while it destroys its nodes is ended. The node
+# `verifier` may need 20 s to complete its report.
 DESTRUCTION = 30.0
 
 
@@ -43,9 +44,11 @@ def run_all(
 ) -> None:
     """Run several nodes in one process until SIGINT, SIGTERM or SIGHUP.
 
-    The nodes start in the order of `make_nodes`, and shut down in reverse order. Signals only wake
-    the main thread. The signal handlers of rclpy would destroy the context during a callback, and
-    KeyboardInterrupt would interrupt a callback.
+    The nodes start in the order in which `make_nodes` returns them, and shut down in reverse order.
+    After the start, a signal only wakes the main thread, which then shuts down the nodes. The
+    signal handlers of rclpy are not used, because they would destroy the context during a callback.
+    KeyboardInterrupt is not raised, because it would interrupt a callback. The exit status of the
+    process is 2 if a node cannot start, and 1 if the executor fails.
     """
     stopping = threading.Event()
     starting = True
@@ -64,7 +67,8 @@ def run_all(
             ctypes.CDLL(None).mallopt(_MMAP_THRESHOLD, _LARGE)
         _initialise(arguments)
         nodes = make_nodes()
-        # The first call, which takes 0.1 s or more, must not delay the first log message of rclpy.
+        # Call this function once now. rclpy calls it for each log message, and the first call takes
+        # 0.1 s or more, by which it would delay the first message.
         inspect.getframeinfo(cast(FrameType, inspect.currentframe()))
         starting = False
         spinner = Spinner(stopping.set)
@@ -74,7 +78,8 @@ def run_all(
         print(f'checkweigher: {one_line(error)}', file=sys.stderr)
         raise SystemExit(CANNOT_START) from None
     except (Exception, KeyboardInterrupt):
-        # After a signal, ignore any exception: C++ code may have converted KeyboardInterrupt.
+        # After a signal, ignore any exception, because C++ code may have converted the
+        # KeyboardInterrupt to another exception.
         if not stopping.is_set():
             raise
     finally:
@@ -83,8 +88,9 @@ def run_all(
         starting = False
         if spinner is not None:
             _shut_down(nodes, spinner)
-            # Fast DDS can block forever if a node is destroyed while the nodes of another process
-            # end, see https://github.com/eProsima/Fast-DDS/issues/6502.
+            # Limit the time of the destruction. Fast DDS can block forever if a node is destroyed
+            # while the nodes of another process end, see
+            # https://github.com/eProsima/Fast-DDS/issues/6502.
             faulthandler.dump_traceback_later(DESTRUCTION, exit=True)
             spinner.stop()
         else:
@@ -93,7 +99,7 @@ def run_all(
         rclpy.try_shutdown()
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     if spinner is not None and spinner.error is not None:
-        raise SystemExit(1)  # the traceback of the error has been printed
+        raise SystemExit(1)  # the executor thread has already printed the traceback
 
 
 def _on_signals(stop: Callable[..., None]) -> None:
@@ -104,7 +110,7 @@ def _on_signals(stop: Callable[..., None]) -> None:
 
 
 def _shut_down(nodes: Sequence[Node], spinner: Spinner) -> None:
-    """Shut down the nodes in reverse order, while the remaining nodes still work."""
+    """Shut down the nodes in reverse order. A node still works while later nodes shut down."""
     for node in reversed(nodes):
         if not isinstance(node, StageNode):
             continue
@@ -123,6 +129,6 @@ def _initialise(arguments: Sequence[str] | None) -> None:
     try:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:
-        # The parameter file or the namespace is invalid. The message of rcl ends with positions in
-        # its source code, which are removed.
+        # The parameter file or the namespace is invalid. Remove the positions in the source code of
+        # rcl, with which the message ends.
         raise ParameterError(str(error).split(', at /')[0]) from None

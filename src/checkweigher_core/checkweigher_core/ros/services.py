@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Tables of the services and actions of a lane: each with its type, server, clients and effect.
+"""Tables of the services and actions of a lane, each with its type, server, clients and effect.
 
 The security policy, the page and the docs use these tables.
 """
@@ -14,14 +14,14 @@ _TRIGGER = 'std_srvs/srv/Trigger'
 # Names of nodes that are not part of the line.
 PAGE_WORK, SETTING, REPORTER = 'page_work', ports.DYNAMIC_SETTING.name, 'batch_reporter'
 VERIFIER, VERIFY = ports.VERIFICATION_PROGRESS.maker, ports.VERIFICATION.maker
-# Nodes that publish diagnostics although they are not part of the line.
+# Nodes that assist the line and publish diagnostics, but are not part of the line.
 OF_MACHINE = SETTING, VERIFIER
 GATEWAYS = 'gateway_metrics', 'gateway_mqtt', 'gateway_opcua'
 # Nodes with which gateways call the services that the page also calls.
 GATEWAY_WORK = 'gateway_mqtt_work', 'gateway_opcua_work'
 LIFE_CYCLE_NODES = ('driver', 'reject')
 
-# Services and topics of an action, below its name.
+# Names of the services and topics of an action, in the namespace of the action.
 ACTION_SERVICES = 'send_goal', 'cancel_goal', 'get_result'
 ACTION_TOPICS = 'feedback', 'status'
 
@@ -53,8 +53,8 @@ class Service(NamedTuple):
     server: str  # node with the server
     callers: tuple[str, ...]  # nodes with clients
     text: str  # effect of a call
-    condition: str = ''  # parameter or option that enables the service, or empty
-    changes_line: bool = True  # whether the audit log names the calling user
+    condition: str = ''  # parameter or option that enables the service; empty if always available
+    changes_line: bool = True  # whether a call changes the line, so the audit log names the caller
 
 
 # fmt: off
@@ -63,28 +63,29 @@ ACTIONS = (
             'reads the empty belt, or a known mass on it, at rest for a '
             '[calibration](#calibration)'),
     Service(ports.RECORD_PASSES, 'checkweigher_msgs/action/RecordPasses', SETTING, (PAGE_WORK,),
-            'records passes of a product of known mass, see [Dynamic setting](#dynamic-setting)'),
+            'records passes of a product of known mass; see [Dynamic setting](#dynamic-setting)'),
     Service(ports.TUNE_PASSES, 'checkweigher_msgs/action/TunePasses', SETTING, (PAGE_WORK,),
-            'trains on all recorded passes'),
+            'trains the estimators on all recorded passes'),
     Service(ports.RUN_VERIFICATION, 'checkweigher_msgs/action/RunVerification', VERIFIER,
-            (PAGE_WORK,), 'makes a [verification](verification.md#on-the-page) by a plan'),
+            (PAGE_WORK,), 'guides an operator through a '
+            '[verification](verification.md#on-the-page) according to a plan'),
 )
 SERVICES = (
     Service(ports.ZERO, _TRIGGER, 'segmenter', (PAGE_WORK, VERIFY),
-            'sets the zero by the next empty belt at rest'),
+            'sets the zero to the reading of the next empty belt at rest'),
     Service(ports.RESET_OUTPUTS, _TRIGGER, 'driver', (),
             'clears the stop after products that the rejector may have missed, as '
             '`reset_stop_request` does', 'outputs'),
     Service(ports.FORGET_LEARNED, _TRIGGER, 'identifier', (),
-            'deletes what was learned from products of unknown mass; masses are not corrected by '
-            'learning until enough is learned again'),
+            'deletes the values learned from products of unknown mass; masses are not corrected by '
+            'learned values until enough products have passed again'),
     Service(ports.RESET_STOP_REQUEST, _TRIGGER, 'reject', (PAGE_WORK,),
             'clears the stop request and the count of consecutive rejects; a cause that persists '
             '(driver, input, performance test, publisher, zero step) requests a stop again'),
     Service(ports.CALIBRATE_ZERO, _TRIGGER, 'driver', (),
-            'deprecated: the action `read_load` of the mass 0'),
+            'deprecated: use the action `read_load` with the mass 0'),
     Service(ports.CALIBRATE_SPAN, 'checkweigher_msgs/srv/CalibrateSpan', 'driver', (),
-            'deprecated: the action `read_load`'),
+            'deprecated: use the action `read_load`'),
     Service(ports.FINISH_CALIBRATION, 'checkweigher_msgs/srv/FinishCalibration', 'driver',
             (PAGE_WORK,),
             'computes zero and sensitivity from the readings, writes them as the next version of '
@@ -92,12 +93,12 @@ SERVICES = (
     Service(ports.CANCEL_CALIBRATION, _TRIGGER, 'driver', (PAGE_WORK,),
             'discards the readings of a calibration'),
     Service(ports.RECORD_PASSES, 'checkweigher_msgs/srv/RecordPasses', SETTING, (),
-            'deprecated: begins what the action of this name does'),
+            'deprecated: begins the same work as the action of this name; use the action'),
     Service(ports.TUNE_PASSES, _TRIGGER, SETTING, (),
-            'deprecated: begins what the action of this name does'),
+            'deprecated: begins the same work as the action of this name; use the action'),
     Service(ports.CANCEL_PASSES, _TRIGGER, SETTING, (PAGE_WORK,),
-            'deletes the learned parameters; ends a recording or training instead, as to cancel '
-            'their actions does'),
+            'cancels a recording or training that is in progress; otherwise deletes the learned '
+            'parameters'),
     Service(ports.SHOW_TUNED, _TRIGGER, SETTING, (PAGE_WORK,),
             'returns the accuracy of the learned parameters on held-out passes, one line for each '
             'estimator and speed', changes_line=False),
@@ -107,12 +108,12 @@ SERVICES = (
             'ends the nodes of the line in order and starts them again; they then read the '
             'parameter files', '`run --folder`'),
     Service(ports.BEGIN_VERIFICATION, 'checkweigher_msgs/srv/BeginVerification', VERIFIER, (),
-            'deprecated: begins what the action `run_verification` does'),
+            'deprecated: use the action `run_verification`'),
     Service(ports.ANSWER_VERIFICATION, 'checkweigher_msgs/srv/AnswerVerification', VERIFIER,
             (PAGE_WORK,), 'performs or skips the requested step, or goes on after a failed '
             'step'),
     Service(ports.CANCEL_VERIFICATION, _TRIGGER, VERIFIER, (),
-            'deprecated: cancel the action `run_verification`'),
+            'deprecated: cancel the action `run_verification` instead'),
     Service(ports.SELECT_PRODUCT, 'checkweigher_msgs/srv/SelectProduct', 'product', (PAGE_WORK,),
             'sets the parameters of `denoise`, `identifier` and `reject` for a product, all of '
             'them or none'),
@@ -136,5 +137,5 @@ _CHANGES = {each.name for each in SERVICES if each.changes_line}
 
 
 def changes_line(name: str) -> bool:
-    """Return whether calls of a service change the line."""
+    """Return whether a call of a service changes the line. `name` may contain a namespace."""
     return name.rpartition('/')[2] in {*_CHANGES, 'change_state', 'set_parameters', SETTER}

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Executor of rclpy in its own thread."""
+"""Thread that runs an executor of rclpy."""
 
 from collections.abc import Callable
 from concurrent.futures import Future, wait
@@ -20,9 +20,9 @@ _PATIENCE = 10.0  # longest wait for the thread in s
 class Spinner:
     """Thread with an executor of rclpy for some nodes.
 
-    Each wake of the executor takes 1 ms or more for the nodes of a line, so frequent events must
-    not wake it. The thread calls `on_end` when it ends. `error` is the exception of rclpy that
-    ended the thread, if any.
+    With the nodes of a line, each wake of the executor takes 1 ms or more, so frequent events must
+    not wake the executor. The thread calls the function `on_end` when it ends. `error` is the
+    exception that ended the thread, or None.
     """
 
     def __init__(self, on_end: Callable[[], None] = lambda: None) -> None:
@@ -62,9 +62,10 @@ class Spinner:
         self.call(destroy)
 
     def call(self, function: Callable[[], object]) -> None:
-        """Call a function in the thread of the executor, and wait until it returns.
+        """Call a function in the thread of the executor, and wait until the function returns.
 
-        Only this thread may destroy entities and cancel timers, because its executor uses them.
+        A function that destroys entities or cancels timers must run in this thread, because the
+        executor uses them. Raises RuntimeError if the function does not return within 10 s.
         """
         answer: Future[object] = Future()
 
@@ -82,7 +83,7 @@ class Spinner:
 
     def stop(self) -> None:
         """End the thread, and destroy the nodes in reverse order."""
-        # The executor is shut down after the end of the thread, which uses it.
+        # Shut down the executor only after the thread, which uses it, has ended.
         self._executor.create_task(self._stopping.set)
         self._thread.join(timeout=_PATIENCE)
         if not self._thread.is_alive():
@@ -99,7 +100,7 @@ class Spinner:
                 except ExternalShutdownException:
                     break
                 except Exception as error:
-                    # Go on after a failed task, or a malformed request or response.
+                    # Continue after a failed task, or a malformed request or response.
                     if not rclpy.ok() or not self._nodes:
                         self.error = error
                         raise

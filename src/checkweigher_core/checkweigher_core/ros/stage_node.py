@@ -31,11 +31,11 @@ Overrides = dict[str, object]
 
 
 class StageNode(PortNode, Generic[P]):
-    """Node with one stage of the line, named ``parameters.node``.
+    """Node of the line. Its name is ``parameters.node``.
 
-    If `read_only` is set, the parameters cannot change while the node runs. `overrides` take
-    precedence over values from the command line. Before the node changes a parameter, it writes
-    the change to the audit log of the lane, if the lane has one.
+    If `read_only` is true, the parameters cannot change while the node runs. The parameter values
+    `overrides` take precedence over values from the command line. If the lane has an audit log, the
+    node writes a change of a parameter to this log before it makes the change.
     """
 
     def __init__(
@@ -66,7 +66,11 @@ class StageNode(PortNode, Generic[P]):
             self._place.free()
 
     def start(self) -> None:
-        """Start to publish diagnostics, and heartbeats if reject runs in another process."""
+        """Start to publish diagnostics.
+
+        If this stage has heartbeats, and reject runs in another process, also start to publish
+        them.
+        """
         self.diagnostics.start()
         self.get_logger().info('ready')
         if self._alive is not None and not self._alive.takers:
@@ -102,18 +106,18 @@ class StageNode(PortNode, Generic[P]):
             self.count(f'{port.name} received')
 
     def refuse(self, port: Port, error: Exception) -> None:
-        """Log and count a record whose callback has failed."""
+        """Log and count a record for which the conversion or the callback failed."""
         super().refuse(port, error)
         self.count(f'{port.name} refused')
         self.diagnostics.connections.refused(time.monotonic(), port.name, str(error))
 
     def fail(self, error: Exception, what: str = 'a callback failed') -> None:
-        """Log and count an exception of a callback. The node goes on."""
+        """Log and count an exception of a callback. The node continues."""
         self.count('exceptions')
         super().fail(error, what)
 
     def item_failed(self, item_id: int, error: Exception) -> None:
-        """Log and count an exception of the stage, which loses one item."""
+        """Log and count an exception that the stage raised for one item."""
         self.get_logger().error(''.join(traceback.format_exception(error)))
         self.fail(error, f'item {item_id}: the stage failed')
 
@@ -128,7 +132,7 @@ class StageNode(PortNode, Generic[P]):
     def create_service(  # type: ignore[no-untyped-def]
         self, srv_type: Any, srv_name: str, callback: Callable[..., Any], **options: Any
     ):
-        """Create a service. The services that set parameters write to the audit log first."""
+        """Create a service. A service that sets parameters writes to the audit log before that."""
         if srv_type in (SetParameters, SetParametersAtomically):
             callback = self._on_set_parameters
         return super().create_service(srv_type, srv_name, callback, **options)
@@ -144,7 +148,8 @@ class StageNode(PortNode, Generic[P]):
     async def _set_recorded(self, changes: list[Parameter]) -> SetParametersResult:
         """Write a change of parameters to the audit log, then set all parameters or none.
 
-        A value that a parameter already has is no change, even if the parameter is read-only.
+        A value that a parameter already has is not a change, and is accepted even if the parameter
+        is read-only.
         """
         changes = [change for change in map(self._as_declared, changes) if change is not None]
         if changes and self._may_set(changes):
@@ -159,9 +164,10 @@ class StageNode(PortNode, Generic[P]):
             return SetParametersResult(successful=False, reason=str(error))
 
     def _as_declared(self, given: Parameter) -> Parameter | None:
-        """Return a change in the type of its parameter, None if the value stays the same.
+        """Return a change in the type of its parameter, or None if the value stays the same.
 
-        The value in use may differ from the parameter, for example for the limits of a product.
+        The value stays the same if it equals both the parameter and the value in use. These may
+        differ, for example while a limit of a product is in use.
         """
         if not self.has_parameter(given.name):
             return given
@@ -174,7 +180,10 @@ class StageNode(PortNode, Generic[P]):
         return None if same else change
 
     def _may_set(self, changes: Sequence[Parameter]) -> bool:
-        """Return whether the changes will be accepted. Refused changes are not logged."""
+        """Return whether the changes will be accepted.
+
+        Changes that will be refused must not be written to the audit log.
+        """
         names = [change.name for change in changes]
         known = all(map(self.has_parameter, names))
         if not known or any(each.read_only for each in self.describe_parameters(names)):

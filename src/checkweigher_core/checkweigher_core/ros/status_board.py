@@ -22,7 +22,8 @@ _URGENCY = (Level.OK, Level.WARN, Level.STALE, Level.ERROR)  # levels in increas
 def number_of(value: str) -> float:
     """Return the number in a value of a DiagnosticStatus, or NaN if the value is other text.
 
-    Any node may publish any text on /diagnostics, so an invalid value must not end its reader.
+    Any node may publish any text on /diagnostics, so an invalid value must not raise an exception
+    in a program that reads the diagnostics. Infinities are returned as NaN.
     """
     try:
         number = float(value)
@@ -44,12 +45,12 @@ class Row:
 
 
 class StatusBoard:
-    """Latest diagnostics of each node in a namespace, or of all nodes if `namespace` is empty."""
+    """Latest diagnostics of each node of the lane `namespace`, or of all lanes if it is empty."""
 
     def __init__(self, namespace: str = '') -> None:
         self._namespace = namespace
         self._nodes: dict[str, tuple[float, list[Row]]] = {}
-        self._expected: dict[str, float] = {}  # times in s of the calls of `expect` by lane
+        self._expected: dict[str, float] = {}  # time in s of the last call of `expect` for a lane
         self._lock = threading.Lock()
 
     def add(self, now: float, statuses: Iterable[Any]) -> None:
@@ -69,7 +70,7 @@ class StatusBoard:
                 self._nodes[node] = now, rows
 
     def expect(self, now: float, lane: str) -> None:
-        """Treat the nodes of a lane as silent since time `now` in s, until one sends a message."""
+        """Treat the nodes of a lane as silent since time `now` in s until one of them is heard."""
         with self._lock:
             self._expected[lane] = now
 
@@ -89,7 +90,10 @@ class StatusBoard:
         return bool(self._nodes)
 
     def rows(self, now: float) -> list[Row]:
-        """Return all rows at time `now` in s, the worst first. Silent nodes are STALE."""
+        """Return all rows at time `now` in s, sorted from the worst to the best.
+
+        A silent node has only one row, which is STALE. So does a stage that has sent no message.
+        """
         with self._lock:
             nodes, expected = dict(self._nodes), dict(self._expected)
         found = [row for node, report in nodes.items() for row in _rows_of(node, *report, now)]
@@ -107,16 +111,19 @@ class StatusBoard:
 
 
 def _rows_of(node: str, heard: float, rows: list[Row], now: float) -> list[Row]:
-    """Return the rows of a node, or one row if it is silent since time `heard` in s."""
+    """Return the rows of a node, whose last message was received at time `heard` in s.
+
+    A silent node has only one row.
+    """
     if now - heard > _SILENCE:
         text = f'silent for {now - heard:.0f} s; its process hangs or has ended; restart it'
         return [Row(node, '', Level.STALE, text, silence=now - heard)]
-    # The first row is left out if it only repeats the worst of the other rows.
+    # Leave out the first row, which describes the whole node, if it only repeats the worst row.
     return [row for row in rows if row.aspect or row.level > worst(rows[1:])]
 
 
 def worst(rows: Iterable[Row]) -> Level:
-    """Return the highest level of the rows."""
+    """Return the highest level of the rows, or OK without rows."""
     return max((row.level for row in rows), default=Level.OK)
 
 
@@ -126,19 +133,22 @@ class LaneRow:
 
     lane: str  # namespace; '/' if it is empty
     level: Level
-    verdicts: tuple[tuple[str, str], ...]  # decisions, with the numbers of items
+    verdicts: tuple[tuple[str, str], ...]  # names of decisions, each with the number of items
     worst: str  # node, aspect and message of the worst row; empty if there is no problem
 
     @property
     def counts(self) -> tuple[int, int, int]:
-        """Numbers of accepted items, of items rejected for their mass, and of faults."""
+        """Numbers of accepted items, of items rejected because of their mass, and of faults."""
         counts = {name: int(number_of(count)) for name, count in self.verdicts}
         accepted, faults = (counts.pop(each.name, 0) for each in (Decision.ACCEPT, Decision.FAULT))
         return accepted, sum(counts.values()), faults
 
 
 def by_lane(rows: Iterable[Row]) -> list[LaneRow]:
-    """Return a row for each lane, the worst first, from the sorted rows of a `StatusBoard`."""
+    """Return a row for each lane from the rows of a `StatusBoard`, which are sorted.
+
+    The lanes are in the order of their worst rows.
+    """
     lanes: dict[str, list[Row]] = {}
     for row in rows:
         lanes.setdefault(row.node.rpartition('/')[0] or '/', []).append(row)

@@ -17,22 +17,28 @@ _PATIENCE = 5.0  # longest time in s in which the nodes of a line discover each 
 
 
 class Connections:
-    """Monitor of the inputs and outputs of a node that was started at time `began` in s."""
+    """Monitor of the inputs and outputs of a node.
+
+    The node was started at time `began` in s on a monotonic clock.
+    """
 
     def __init__(self, node: PortNode, began: float) -> None:
         self._node = node
         self._began = began
         self._refused = RecentValues()
         self._refusal = ''
-        self._logged: set[str] = set()  # texts on incompatible QoS that were logged
+        self._logged: set[str] = set()  # warnings about incompatible QoS that were logged
 
     def refused(self, now: float, name: str, why: str) -> None:
-        """Add a message that was refused at time `now` in s on the clock of `began`."""
+        """Add a message of the topic `name` that was refused at time `now` in s.
+
+        `now` is on the clock of `began`, and `why` is the reason.
+        """
         self._refused.add(now, 1.0)
         self._refusal = f'{name}: {why}'
 
     def lacks_input(self, port: Port) -> bool:
-        """Return whether an input has no publisher."""
+        """Return whether the node has an input for a port that no node publishes."""
         return any(entry.port is port and not entry.count() for entry in self._node.inputs)
 
     def finding(self, now: float) -> Finding:
@@ -59,7 +65,7 @@ class Connections:
         return conclude('Connections', 'all connected', found, values)
 
     def _clashes(self, end: Input | Output, *, needed: bool) -> Iterator[Concern]:
-        """Yield a concern for each endpoint at the other end with an incompatible QoS."""
+        """Yield a concern for each endpoint at the other end that has an incompatible QoS."""
         is_input = isinstance(end, Input)
         for other in self._others(end):
             pair = (other.qos_profile, end.qos) if is_input else (end.qos, other.qos_profile)
@@ -101,7 +107,10 @@ def has_matched_all(node: Node, *outputs: Output) -> bool:
 
 
 def _partner(end: Input | Output) -> str:
-    """Return the names of the nodes that are required at the other end, empty if none is."""
+    """Return the names of the nodes that are required at the other end of an input or output.
+
+    The result is empty if no node is required.
+    """
     port = end.port
     if isinstance(end, Input):
         return port.maker if end.needed and port.maker in port.expected else ''

@@ -6,8 +6,9 @@ Nodes receive messages only by UDP, even on one computer. With the shared memory
 large messages of a node no longer arrived after about 30 processes that read them had been killed
 (see eProsima/Fast-DDS issue 5469).
 
-Without multicast, Fast DDS contacts only the first four participants at each address, so a fifth
-and a sixth process on one computer would not discover each other. The profiles list more ports.
+Without multicast, Fast DDS contacts only the ports of the first four participants (processes) at
+each address, so a fifth and a sixth process on one computer would not discover each other. The
+profiles therefore list the ports of more participants.
 """
 
 from collections.abc import Mapping
@@ -17,10 +18,11 @@ import os
 from pathlib import Path
 import stat
 
-PARTICIPANTS = 64  # largest number of processes at each address
+PARTICIPANTS = 64  # number of processes at each address whose ports are listed
 _PORT_BASE, _DOMAIN_GAIN, _UNICAST, _PARTICIPANT_GAIN = 7400, 250, 10, 2  # RTPS 2.5, 9.6.2.3
 _PACKAGED = Path(__file__).parent.with_name('fastdds_profiles.xml')
-# Folder of the profiles. It is in memory, so old profiles do not outlive a restart of the computer.
+# Folder of the profiles. It is in memory, so that old profiles are removed when the computer is
+# restarted.
 _FOLDER = Path(f'/dev/shm/checkweigher-{os.geteuid()}')
 _FILE, _QOS_FROM_FILE = 'FASTRTPS_DEFAULT_PROFILES_FILE', 'RMW_FASTRTPS_USE_QOS_FROM_XML'
 _PLACE = '      <!-- peers -->\n'
@@ -39,15 +41,15 @@ def set_profiles() -> None:
 def _written(text: str) -> Path:
     """Write profiles to a file that all processes of a user share, and return its path.
 
-    If the file cannot be written, return the file of the package, with which only four processes of
-    a computer reliably discover each other.
+    If the file cannot be written, the path of the file in the package is returned. With that file,
+    only four processes on a computer reliably discover each other.
     """
     path = _FOLDER / f'{blake2b(text.encode(), digest_size=8).hexdigest()}.xml'
     try:
         _FOLDER.mkdir(mode=0o700, exist_ok=True)
         found = _FOLDER.lstat()
         if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.geteuid():
-            return _PACKAGED  # another user has made the folder
+            return _PACKAGED  # another user may have created this folder to change the profiles
         if not path.exists():
             own = path.with_suffix(f'.{os.getpid()}')
             own.write_text(text, encoding='utf-8')

@@ -8,9 +8,10 @@ from checkweigher_core.ros import ports
 
 
 def running_lanes(node: Node) -> set[str]:
-    """Return the namespaces, without slashes, in which verdicts are published.
+    """Return the namespaces, without leading slashes, in which verdicts are published.
 
-    A topic without a publisher is ignored, because `run` subscribes to it before its nodes start.
+    A topic of verdicts without a publisher does not count, because the command `run` subscribes to
+    it before the nodes of the lane start.
     """
     kind, ending = ports.VERDICT.message_type, f'/{ports.VERDICT.name}'
     return {

@@ -1,10 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Exclusive places of nodes, by which each node of a lane runs only once on a computer.
+"""Places of nodes, which ensure that each node of a lane runs only once on a computer.
 
-A place is a name in the abstract namespace of Unix sockets, which only one process can bind. The
-kernel releases the name when the process ends, even if the process is killed. The name is unique
-for all users in one network namespace, like DDS on localhost.
+A place is a name in the abstract namespace of Unix sockets, to which only one process can bind a
+socket. The kernel releases the name when the process ends, even if the process is killed. All users
+in a network namespace share these names, as they share DDS on localhost.
 """
 
 import errno
@@ -19,14 +19,14 @@ from rclpy.node import Node
 
 from checkweigher_core.parameters import ParameterError
 
-PARTICIPANT = 12  # length of the RTPS GUID prefix, which all endpoints of a process share
+PARTICIPANT = 12  # length in bytes of the RTPS GUID prefix, which all endpoints of a process share
 
 
 class Place:
     """Place of a node, which is held until `free` is called or the process ends.
 
-    `name` is the full name of the node in the ROS `domain`. After a call of `sign`, `is_held` can
-    distinguish the node from a node of the same name in another process.
+    `name` is the full name of the node, and `domain` is its ROS domain. After a call of `sign`,
+    `is_held` can distinguish this node from a node of the same name in another process.
 
     Raises
     ------
@@ -44,7 +44,7 @@ class Place:
             )
 
     def sign(self, participant: bytes) -> None:
-        """Register the DDS participant of the node."""
+        """Register the GUID prefix of the DDS participant to which the node belongs."""
         self._hold(participant)
 
     def free(self) -> None:
@@ -58,7 +58,7 @@ class Place:
         try:
             holder.bind(_address(self._domain, self._name, participant))
         except OSError as error:
-            # Go on without a place on a system without abstract names.
+            # Another error is that of a system without abstract names. Continue without a place.
             return error.errno != errno.EADDRINUSE
         return True
 
@@ -73,7 +73,10 @@ def participant_of(node: Node) -> bytes:
 
 
 def is_held(domain: int, name: str, participant: bytes = b'') -> bool:
-    """Return whether a node holds its place and, if given, has registered `participant`."""
+    """Return whether a node holds its place.
+
+    If `participant` is given, also check that the node has registered this GUID prefix.
+    """
     with _socket() as probe:
         return probe.connect_ex(_address(domain, name, participant)) == 0
 
@@ -83,7 +86,7 @@ def _socket() -> socket.socket:
 
 
 def _address(domain: int, name: str, participant: bytes) -> str:
-    text = f'{domain} {name} {participant.hex()}'  # longer than an address of 107 bytes may be
+    text = f'{domain} {name} {participant.hex()}'  # may exceed the 107 bytes of an address
     return f'\0checkweigher/{blake2b(text.encode(), digest_size=20).hexdigest()}'
 
 

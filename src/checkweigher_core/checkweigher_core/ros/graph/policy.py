@@ -21,9 +21,9 @@ from checkweigher_core.ros.services import (
 )
 
 LINE = 'line'  # enclave of a process with all nodes of a lane
-RUN = 'run'  # the command that starts and watches a line
+RUN = 'run'  # enclave of the command that starts and monitors a line
 OBSERVER = 'observer'  # enclave of commands that only subscribe
-PAGE = 'page'
+PAGE = 'page'  # enclave of the page
 _PORTS = (*ports.ALL, ports.DYNAMIC_SETTING, ports.VERIFICATION_PROGRESS)
 _EVERY_NODE = frozenset({'/rosout', '/parameter_events'})
 # Topics to which nodes subscribe in addition to the table of ports.
@@ -33,7 +33,7 @@ _VIEWED: dict[str, tuple[Port, ...]] = {
     'record': ports.RECORDED,
     RUN: (ports.DIAGNOSTICS, ports.MASS_ESTIMATE, ports.VERDICT, ports.REFERENCE_MASS),
     PAGE: (ports.DIAGNOSTICS,),
-    'segmenter': (ports.DIAGNOSTICS,),  # the diagnostics of other hosts show their clocks
+    'segmenter': (ports.DIAGNOSTICS,),  # contains the states of the clocks of other hosts
     'page_results': ports.PAGE_RESULTS,
     'page_signals': ports.PAGE_SIGNALS,
     PAGE_WORK: (
@@ -54,7 +54,7 @@ def _of(nodes: Iterable[str], names: Iterable[str]) -> set[str]:
     return {f'{node}/{name}' for node, name in product(nodes, names)}
 
 
-# Services of rclpy that a node calls.
+# Services of rclpy that a node calls at other nodes.
 _CALLED = {
     'product': _of(NODES, services.PARAMETER_SERVICES),  # sets the parameters of a recipe
     VERIFY: _of(NODES, services.PARAMETER_SERVICES),  # reports a digest of the parameters
@@ -66,7 +66,10 @@ _CALLED = {
 
 @dataclass(frozen=True, slots=True)
 class Rights:
-    """Rights of a node as full names of topics and services, with ``*`` for any characters."""
+    """Rights of a node as full names of topics and services.
+
+    A ``*`` in a name stands for any characters.
+    """
 
     publish: frozenset[str] = frozenset()
     subscribe: frozenset[str] = frozenset()
@@ -75,7 +78,7 @@ class Rights:
 
 
 def rights(node: str, lane: str = '') -> Rights:
-    """Return the rights of a node in the namespace `lane`."""
+    """Return the rights that a node in the namespace `lane` needs."""
     client = PAGE_WORK if node in GATEWAY_WORK else node
     served = [f'{each.name}/_action' for each in services.ACTIONS if each.server == node]
     called = [f'{each.name}/_action' for each in services.ACTIONS if client in each.callers]
@@ -111,7 +114,7 @@ def _makes(node: str, port: Port) -> bool:
 
 
 def _full(lane: str, names: Iterable[str]) -> frozenset[str]:
-    """Return the full names in a lane. A name with a leading slash is already full."""
+    """Return the full names of topics or services in a lane. A name with a slash first is full."""
     space = f'/{lane}' if lane else ''
     return frozenset(name if name.startswith('/') else f'{space}/{name}' for name in names)
 
@@ -119,9 +122,10 @@ def _full(lane: str, names: Iterable[str]) -> frozenset[str]:
 def enclaves(lanes: Iterable[str]) -> dict[str, list[tuple[str, str]]]:
     """Return the enclaves of some lanes, each with the namespaces and names of its nodes.
 
-    Each node of a lane has an enclave. A process with all nodes of a lane has another enclave. The
-    page and each gateway serve all lanes from one process, with one enclave each. The commands
-    `status` and `run --line` are in no lane.
+    Each node of a lane has an enclave, except that `verify` uses the enclave of the verifier. A
+    process with all nodes of a lane has another enclave. The page and each gateway serve all lanes
+    from one process, with one enclave each. The commands `status` and `run --line` belong to no
+    lane, so their enclaves also exist without a lane.
     """
     lanes = list(lanes)
     found: dict[str, list[tuple[str, str]]] = {}
@@ -145,7 +149,7 @@ def enclaves(lanes: Iterable[str]) -> dict[str, list[tuple[str, str]]]:
 
 
 def enclave_arguments(lane: str, name: str) -> list[str]:
-    """Return the ROS arguments that select an enclave of a lane, empty without security."""
+    """Return the ROS arguments that select an enclave of a lane, empty if security is off."""
     if os.environ.get('ROS_SECURITY_ENABLE') != 'true':
         return []
     return ['--enclave', f'/{lane}/{name}' if lane else f'/{name}']
