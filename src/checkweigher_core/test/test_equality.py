@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Equality of records that contain NaN, on each Python."""
+"""Tests of the equality of records that contain NaN, on each version of Python."""
 
 from dataclasses import replace
 
@@ -10,7 +10,7 @@ BLANK = MassEstimate(1, None, None, None)
 
 
 def test_records_with_nan_are_equal_and_other_values_differ():
-    # Each float() makes an object of its own, as a message or a file does.
+    # Each call of float() creates a new NaN object, as reading a message or a file does.
     one, other = (replace(BLANK, mass=0.1, zero=float('nan')) for _ in range(2))
     assert one == other
     assert hash(one) == hash(other)

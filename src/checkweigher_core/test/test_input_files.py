@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Files that a user names: read, or refused at once."""
+"""Tests of input files: regular files are read, other files are refused without waiting."""
 
 import os
 from pathlib import Path

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Due times and the lead of the driver, against numbers by hand."""
+"""Tests of due times and flow control, with expected numbers that are computed by hand."""
 
 import numpy as np
 import pytest
@@ -17,12 +17,12 @@ def _block(stamp, size):
 
 
 def _may_send(flow):
-    """Tell whether a block of 10 samples may follow."""
+    """Return whether a block of 10 samples may be sent."""
     return flow.may_send(_block(0, 10), RATE)
 
 
 def _room(flow):
-    """Send blocks of 10 samples until none may follow; return the number of samples."""
+    """Send blocks of 10 samples until no block may be sent. Returns the number of samples sent."""
     number = 0
     while _may_send(flow):
         flow.sent(_block(0, 10))
@@ -45,12 +45,12 @@ def test_a_block_is_due_when_its_last_sample_has_been_taken():
     # 50 samples are 0.5 s of signal.
     assert pacer.due(_block(7 * SECOND, 50)) == 20.25
     assert pacer.due(_block(7 * SECOND + SECOND // 2, 50)) == 20.5
-    # An edge that fell while the second block was being sampled comes before it.
+    # An edge during the second block is due before the end of this block.
     assert pacer.due(EyeEdge(7 * SECOND + 3 * SECOND // 4, Eye.INFEED, True)) == 20.375
 
 
 def _flow(samples=0, **limits):
-    """Return what follows when so many samples have been sent."""
+    """Return the flow control of a driver that has sent `samples` samples."""
     flow = FlowControl(**limits)
     flow.sent(_block(0, samples))
     return flow
@@ -61,15 +61,16 @@ def _edge(seconds):
 
 
 def test_the_lead_is_limited_in_time_and_in_blocks():
-    # 1 s is 100 samples, 500 blocks of 10 are more; the last one is sent at the limit.
+    # The lag of 1 s allows 100 samples, which is less than 500 blocks of 10 samples. One more block
+    # is sent when the limit is just reached.
     flow = _flow()
     assert _room(flow) == 110
     flow.taken(10, 0, 0)
     assert _room(flow) == 10
-    # 3 blocks of 10 are less than 100 samples.
+    # 3 blocks of 10 samples are less than 100 samples, so the number of blocks is the limit.
     flow = _flow(max_blocks=3)
     assert _room(flow) == 40
-    # Larger blocks take no more room in the queue: 3 of 20 are 60 samples.
+    # A larger block also counts as one block in the queue: 3 blocks of 20 samples allow 60 samples.
     assert flow.may_send(_block(0, 20), RATE)
 
 
@@ -99,7 +100,7 @@ def test_samples_wait_for_an_edge_that_they_would_leave_behind():
     assert flow.may_send(block, RATE)
     later = _block(8 * SECOND, 55)
     assert not flow.may_send(later, RATE)
-    # Others may send edges, too.
+    # The segmenter may report more edges than were sent, because other nodes may send edges, too.
     flow.taken(0, 5, 0)
     assert flow.may_send(later, RATE)
 
@@ -129,7 +130,7 @@ def test_edges_are_given_up_only_when_they_alone_are_missing():
     assert flow.give_up_edges() == 2
     assert flow.may_send(block, RATE)
 
-    # Those that follow are counted as before.
+    # Later edges are counted as before.
     flow.sent(_edge(4.0))
     assert not flow.may_send(block, RATE)
     flow.taken(50, 1, 0)
@@ -144,7 +145,8 @@ def test_a_new_segmenter_begins_with_what_comes_then():
     flow.items_judged += 1
     assert not _may_send(flow)
 
-    # The 500 samples and 2 edges went to the old one, and its items 5 to 7 will not be judged.
+    # The 500 samples and 2 edges were sent to the old segmenter. Its items without a verdict will
+    # never get one.
     flow.taken(0, 0, 0)
     assert flow.items_judged == 0
     assert _may_send(flow)
@@ -161,12 +163,13 @@ def test_a_new_segmenter_begins_with_what_comes_then():
 
 
 def test_a_new_segmenter_may_be_heard_late():
-    # Its first message to arrive says 40 samples: of 500 it can have missed all others.
+    # The first message of the new segmenter reports 40 samples. It may have missed all others of
+    # the 500 samples.
     flow = _flow(500)
     flow.taken(450, 0, 7)
     flow.taken(40, 0, 2)
 
     assert flow.items_judged == 2
     assert _room(flow) == 110
-    flow.taken(0, 0, 0)  # it is replaced again
+    flow.taken(0, 0, 0)  # the segmenter is restarted again
     assert _room(flow) == 110

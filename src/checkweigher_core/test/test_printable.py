@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Texts of others: printable and short."""
+"""Tests of texts from other sources, which become printable and short."""
 
 import pytest
 

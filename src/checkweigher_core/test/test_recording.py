@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The canonical order of events."""
+"""Tests of the canonical order of events."""
 
 from random import Random
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Settings and state files: what is read, kept, refused, and what an interruption leaves."""
+"""Tests of settings and state files, on valid and invalid content and on interrupted writing."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -93,7 +93,7 @@ def test_a_file_becomes_tables_lists_and_values():
     assert cake.words == ('cake', '2026-05-01')
     assert cake.oven == Oven(180.0)
     assert cake.class_ == 'sponge'
-    assert (cake.layers, cake.sugar) == (3, math.nan)  # the one of the default
+    assert (cake.layers, cake.sugar) == (3, math.nan)  # the same NaN object as the default
     assert cake.taste.tolist() == [1.0, 2.5]
 
 

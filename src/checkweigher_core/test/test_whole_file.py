@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Files that are written whole; devices, pipes and links that stay what they are."""
+"""Tests of output files: they are written completely, and no device, pipe or link is replaced."""
 
 import os
 from pathlib import Path
@@ -17,7 +17,7 @@ NULL, FULL = (os.makedev(1, minor) for minor in (3, 7))
 
 
 def make_device(folder: Path, number: int) -> Path:
-    """Make a character device in a folder of the test's own."""
+    """Make a character device in the folder of the test."""
     path = folder / 'device'
     try:
         os.mknod(path, 0o600 | stat.S_IFCHR, number)
@@ -77,8 +77,8 @@ def test_a_pipe_takes_the_text_and_stays(tmp_path: Path):
     read: list[str] = []
     reader = threading.Thread(target=lambda: read.append(pipe.read_text()))
     reader.start()
-    text = 'a line\n' * 100_000  # more than the pipe holds
-    while True:  # until the reader has opened it
+    text = 'a line\n' * 100_000  # more than fits into the buffer of the pipe
+    while True:  # repeat until the reader has opened the pipe
         try:
             write_whole(pipe, text)
             break

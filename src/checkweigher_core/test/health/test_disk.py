@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""When the disk of a machine will be full: bytes that fall by a known rate."""
+"""Tests of the prediction when a disk will be full, from free bytes that fall at a known rate."""
 
 import math
 from pathlib import Path
@@ -14,7 +14,7 @@ DAY = 86_400
 
 
 def watched(*free: float, period: float = 600.0) -> list[Level]:
-    """Return the levels of a watch that finds these free bytes, one after the other."""
+    """Return the levels of a monitor that reads these numbers of free bytes every `period` s."""
     values = iter(free)
     watch = DiskWatch(lambda: next(values))
     return [watch.finding(number * period).level for number in range(len(free))]

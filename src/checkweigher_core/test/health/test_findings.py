@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Windows over what was seen lately, on numbers worked by hand."""
+"""Tests of statistics of recent values, with expected numbers that are computed by hand."""
 
 import math
 
@@ -25,7 +25,8 @@ def test_values_are_forgotten_after_their_time():
 def test_the_slope_is_that_of_most_values():
     recent = RecentValues(duration=1e9)
     for time in range(20):
-        recent.add(time, 5.0 - 0.25 * time + (100.0 if time % 5 == 2 else 0.0))  # a fifth is wild
+        # A fifth of the values are outliers.
+        recent.add(time, 5.0 - 0.25 * time + (100.0 if time % 5 == 2 else 0.0))
     assert recent.slope == pytest.approx(-0.25, abs=1e-12)
 
 

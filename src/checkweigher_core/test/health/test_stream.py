@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Samples, clocks and photo-eyes that are not as they should be."""
+"""Tests of the findings on faulty samples, clocks and photo-eyes."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, LoadCell, Sampl
 CELL = LoadCell(960.0, 1e6, 5000.0, -(2**23), 2**23 - 1, 7.2, 0.2)
 START = 1_700_000_000 * NANOSECONDS
 SIZE = 10
-BLOCKS = 1920  # 20 s
+BLOCKS = 1920  # number of blocks in 20 s
 
 
 def block(number, *, rate=CELL.sample_rate, value=0):
@@ -24,14 +24,14 @@ def block(number, *, rate=CELL.sample_rate, value=0):
 
 
 def arrival(number, rate=CELL.sample_rate):
-    """When the last sample of a block has been taken, s."""
+    """Return the time in s at which the last sample of a block was taken."""
     return 100.0 + (number + 1) * SIZE / rate
 
 
 def watched(
     numbers=range(BLOCKS), *, watch=None, delay=lambda number: 0.0, rate=CELL.sample_rate, value=0
 ):
-    """Return a watch that was shown these blocks, and when it was looked at."""
+    """Return the statistics of these blocks, and a time in s after the last block."""
     watch = watch or SampleWatch(CELL)
     for number in numbers:
         watch.add(arrival(number, rate) + delay(number), block(number, rate=rate, value=value))
@@ -48,7 +48,7 @@ def test_a_steady_stream_is_well():
     assert samples.values['received_blocks_per_s'] == pytest.approx(96.0, rel=1e-9)
     assert samples.values['sample_rate_by_stamps_hz'] == pytest.approx(960.0, rel=1e-6)
     assert samples.values['age_of_last_block_s'] == pytest.approx(0.01, abs=1e-9)
-    assert clock.values['drift_ppm'] != clock.values['drift_ppm']  # after 20 s it is not known
+    assert clock.values['drift_ppm'] != clock.values['drift_ppm']  # NaN: 20 s are too short
     assert clock.values['stamps_behind_this_machine_s'] == pytest.approx(100.0 - 1.7e9, rel=1e-12)
 
 
@@ -124,7 +124,7 @@ def test_drift_is_seen_through_jitter(ppm, level):
 def test_jitter_is_the_delay_that_95_percent_of_the_blocks_keep():
     late = np.random.default_rng(1).exponential(0.005, BLOCKS)
     watch, _ = watched(delay=lambda number: late[number])
-    # 95 % of an exponential distribution lie below 3 of its means.
+    # 95 % of the values of an exponential distribution are below three times its mean.
     jitter = watch.clock.finding(0.0).values['jitter_of_arrival_ms']
     assert jitter == pytest.approx(15.0, rel=0.2)
 
@@ -143,7 +143,7 @@ def test_a_replay_at_another_rate_is_not_judged():
 def test_a_driver_that_catches_up_after_a_halt_is_no_replay():
     halt = 3000
 
-    def delay(number):  # 5 s at first, 0.4 s less with each second
+    def delay(number):  # 5 s after the halt, then 0.4 s less with each second
         return 5.0 - 0.4 * (number - halt) * SIZE / CELL.sample_rate if number >= halt else 0.0
 
     watch, _ = watched(range(2 * BLOCKS), delay=delay)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Reasons: each has its hint, and is a constant of the messages."""
+"""Tests of the reasons: each has its own hint, and is a constant of a message."""
 
 from enum import StrEnum
 from typing import Any
@@ -21,7 +21,7 @@ def test_every_reason_has_a_hint_of_its_own():
     ('message', 'reasons'),
     [
         (Verdict, list(Reason)),
-        # A line never asks for a stop without a reason.
+        # UNKNOWN stands for a reason of another version, so it is not a constant of the message.
         (StopRequest, [reason for reason in StopReason if reason is not StopReason.UNKNOWN]),
     ],
 )

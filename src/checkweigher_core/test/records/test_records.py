@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The values that pass between the stages."""
+"""Tests of the records that the stages exchange."""
 
 from dataclasses import fields, replace
 import math
@@ -61,7 +61,7 @@ def test_windows_of_equal_fields_are_equal_unknown_ones_included():
 
 
 _OTHER = {
-    'counts': np.where(np.arange(20) == 7, 101, WINDOW.counts),  # one sample
+    'counts': np.where(np.arange(20) == 7, 101, WINDOW.counts),  # one sample differs
     'denoised': np.zeros(3),
     'reasons': ('SamplesLost',),
 }
@@ -96,5 +96,5 @@ def test_what_goes_to_another_process_arrives_as_it_was(record):
     arrived = pickle.loads(pickle.dumps(record))
 
     assert type(arrived) is type(record)
-    # NaN is not equal to itself.
+    # Compare the texts, because a NaN is not equal to itself.
     assert repr(arrived) == repr(record)

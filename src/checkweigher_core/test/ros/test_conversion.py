@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Records to messages and back, through the wire."""
+"""Tests of the conversion of records to serialised messages and back."""
 
 from dataclasses import fields, is_dataclass, replace
 from enum import Enum
@@ -45,7 +45,7 @@ _NUMBERS = itertools.count(1)
 
 
 def example(hint: Any) -> Any:
-    """Return a value of a type, which no other call returns and no field has by default."""
+    """Return a value of a type. It differs from defaults and, for numbers, from other examples."""
     number = next(_NUMBERS)
     if hint in (Stamp, Stamp | None):
         return T1 + number
@@ -54,7 +54,7 @@ def example(hint: Any) -> Any:
     if get_origin(hint) is np.ndarray:
         return np.arange(number, number + 5).astype(get_args(get_args(hint)[1])[0])
     if issubclass(hint, Enum):
-        return list(hint)[1]  # neither the first nor the one for unknown values
+        return list(hint)[1]  # neither the first member nor the member for unknown values
     if is_dataclass(hint):
         return record_of(hint)
     if hint is bool:
@@ -122,7 +122,7 @@ def test_time_and_empty_belt_of_a_window_stand_in_its_message():
 
 
 def test_numbers_of_numpy_become_those_of_python():
-    # A numpy scalar in a field would abort the process as the message is serialised.
+    # A numpy scalar in a field would abort the process when the message is serialised.
     values = {entry.name: getattr(WINDOW, entry.name) for entry in fields(WINDOW)}
     numbers = {n: np.asarray(v)[()] for n, v in values.items() if isinstance(v, int | float)}
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""A timer that fires once, set from any thread."""
+"""Tests of the one-shot timer, which any thread may set."""
 
 import threading
 import time
@@ -17,13 +17,13 @@ SECOND = 10**9  # ns
 
 @pytest.fixture
 def fired():
-    """Return the times at which the timer has fired, ns."""
+    """Return a list of the times in ns at which the timer has fired."""
     return []
 
 
 @pytest.fixture
 def timer(fired):
-    """Return a timer; an exception of its callback fails the test."""
+    """Yield a timer. The test fails if the callback of the timer raises an exception."""
     made = OneShotTimer(lambda: fired.append(time.monotonic_ns()), pytest.fail)
     yield made
     with LOCK:
@@ -50,7 +50,7 @@ def test_it_fires_once_at_the_time_set_last(timer, fired):
 def test_one_that_was_cleared_does_not_fire(timer, fired):
     with LOCK:
         timer.set(time.monotonic_ns() + SECOND // 100)
-        time.sleep(0.05)  # its thread waits for the lock by now
+        time.sleep(0.05)  # after this time, the thread of the timer waits for the lock
         timer.clear()
     time.sleep(0.2)
     assert fired == []

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Records within a process come by plain calls, and all others over DDS; none comes twice."""
+"""Tests of outputs, which send each record once: by a call within a process, otherwise by DDS."""
 
 import threading
 import time
@@ -18,7 +18,7 @@ from checkweigher_core.ros.conversion import to_message
 from checkweigher_core.ros.outputs import LOCK, connect
 from checkweigher_core.ros.port_node import PortNode
 
-LONG_ENOUGH = 0.3  # s for what must not come
+LONG_ENOUGH = 0.3  # time in s for which a test waits for a record that must not arrive
 
 
 def edge(stamp: int) -> EyeEdge:
@@ -31,7 +31,7 @@ def verdict(number: int) -> Verdict:
 
 @pytest.fixture
 def pair(process):
-    """Return an output, and the records of an input of another node of the process."""
+    """Return an output, the records that another node in the process received, and this node."""
     maker, taker = process.node(), process.node()
     output = maker.output(ports.PHOTO_EYES)
     taken = []
@@ -55,7 +55,7 @@ def test_a_subscriber_elsewhere_has_each_record_once_and_so_has_the_process(proc
     output, taken, _ = pair
     watcher, watched = process.node(), []
     watcher.subscribe(ports.PHOTO_EYES, watched.append)
-    process.spinner.add(watcher)  # by itself, as in a process of its own
+    process.spinner.add(watcher)  # added separately, so that it subscribes as in another process
     process.wait_for(lambda: output.publisher.get_subscription_count() == 1)
 
     for stamp in range(1, 101):
@@ -198,7 +198,7 @@ def test_a_coroutine_leaves_the_lock_while_it_waits(process):
     timer = node.create_timer(0.001, wait)
     process.spinner.add(node)
     process.wait_for(lambda: steps == ['began'])
-    with LOCK:  # free, in this thread
+    with LOCK:  # this thread can take the lock while the callback awaits the future
         future.set_result(None)
     node.executor.wake()
     process.wait_for(lambda: steps == ['began', 'ended'])

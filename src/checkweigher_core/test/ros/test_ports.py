@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""The table of ports."""
+"""Tests of the table of ports."""
 
 import subprocess
 import sys

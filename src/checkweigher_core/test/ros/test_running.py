@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Process of nodes, which ends also if the destruction of a node hangs."""
+"""Test of a process of nodes, which ends even if the destruction of a node hangs."""
 
 import signal
 import subprocess

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes that are served in a thread of their own."""
+"""Tests of the executor thread and of the nodes whose callbacks it runs."""
 
 from diagnostic_msgs.msg import KeyValue
 import pytest
@@ -11,7 +11,7 @@ from checkweigher_core.ros.port_node import PortNode
 
 
 def call(process, node, kind, name):
-    """Call a service of a node and return the answer."""
+    """Call a service of a node, and return the answer."""
     answer = node.create_client(kind, name).call_async(kind.Request())
     process.wait_for(answer.done)
     return answer.result()
@@ -31,7 +31,7 @@ def test_nodes_start_in_order_once_they_are_connected(process):
 
 
 class Failing(PortNode):
-    """A node whose callbacks raise, after they have counted."""
+    """Node whose callbacks count their calls, and then raise an exception."""
 
     def __init__(self, name):
         super().__init__(name)
@@ -70,7 +70,7 @@ def test_a_call_that_fails_is_answered_with_an_empty_response(process, callback)
     node = process.node(Failing)
     node.create_service(Trigger, 'fail', getattr(node, callback))
     process.spinner.add(node)
-    for _ in range(2):  # the callback group is free again
+    for _ in range(2):  # the second call shows that the callback group is not blocked
         answer = call(process, node, Trigger, 'fail')
         assert (answer.success, answer.message) == (False, '')
     assert len(node.warnings) == 2
@@ -78,7 +78,7 @@ def test_a_call_that_fails_is_answered_with_an_empty_response(process, callback)
 
 
 def listening(process):
-    """Return a node, the keys that it hears, and a publisher that it is connected to."""
+    """Return a node, a list of the keys that it has received, and a connected publisher."""
     node, heard = process.node(Failing), []
     node.create_subscription(KeyValue, 'text', lambda message: heard.append(message.key), 10)
     process.spinner.add(node)

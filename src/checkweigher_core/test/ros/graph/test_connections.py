@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Endpoints of another participant of DDS: which of them a node can match, and has matched."""
+"""Tests of connections with endpoints of another DDS participant, whose QoS may not match."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -19,19 +19,19 @@ from checkweigher_core.ros.outputs import Output
 from checkweigher_core.ros.port_node import PortNode
 
 PORT = ports.VERDICT
-# No two tests have the same topics: DDS may list endpoints of the test before for a while.
+# Each test has its own topics, because DDS may still list endpoints of the previous test.
 _NUMBERS = itertools.count(1)
 
 
 @pytest.fixture
 def here(process) -> PortNode:
-    """Return a node of a lane of its own."""
+    """Return a node in a lane that no other test uses."""
     return process.node(partial(PortNode, namespace=f'lane_{next(_NUMBERS)}'))
 
 
 @pytest.fixture
 def elsewhere(here) -> Iterator[Node]:
-    """Return a node of that lane with its own participant, as one in another process."""
+    """Return a node of the same lane with its own DDS participant, as in another process."""
     context = Context()
     context.init(domain_id=here.context.get_domain_id())
     node = Node('elsewhere', context=context, namespace=here.get_namespace())
@@ -45,7 +45,7 @@ def subscribe(node: Node, kind: type = PORT.type, qos: QoSProfile = PORT.stage_q
 
 
 def listed_output(process, node: PortNode) -> Output:
-    """Return an output, when the graph lists the one subscriber of it."""
+    """Return an output as soon as the ROS graph contains its only subscriber."""
     output = node.output(PORT)
     process.wait_for(lambda: node.count_subscribers(PORT.name) == 1)
     return output
@@ -81,7 +81,7 @@ def test_one_that_fits_and_is_not_counted_yet_is_waited_for_and_no_clash(process
     output = listed_output(process, here)
     process.wait_for(lambda: has_matched_all(here, output))
 
-    # Its publisher says that it has matched no one, as before DDS has told it.
+    # Let the publisher report no subscribers, as it does before DDS has connected them.
     output.publisher = SimpleNamespace(get_subscription_count=lambda: 0)
 
     assert not has_matched_all(here, output)

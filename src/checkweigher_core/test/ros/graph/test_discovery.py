@@ -13,7 +13,8 @@ from checkweigher_core.ros.graph import discovery
 from checkweigher_core.ros.graph.discovery import PARTICIPANTS, peers, profiles, set_profiles
 
 LOCAL = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'ROS_DOMAIN_ID': '3'}
-# A node that says when it sees so many, and stays until it is told to end.
+# Program with a node that prints a line when it has discovered a given number of nodes. The program
+# runs until it is terminated.
 NODE = """
 import sys, time
 import checkweigher_core.ros
@@ -38,7 +39,7 @@ def test_a_user_without_a_home_has_a_context(tmp_path: Path, home: str | None):
 
 
 def test_the_ports_are_those_of_rtps():
-    # RTPS 2.5, 9.6.2.3: PB 7400, DG 250, d1 10, PG 2.
+    # Constants of RTPS 2.5, 9.6.2.3: PB is 7400, DG is 250, d1 is 10, and PG is 2.
     called = peers(LOCAL)
     assert called[0] == ('127.0.0.1', 7400 + 250 * 3 + 10)
     assert called[5] == ('127.0.0.1', 7400 + 250 * 3 + 10 + 2 * 5)
@@ -94,7 +95,7 @@ def test_a_folder_of_somebody_else_is_not_used(monkeypatch: pytest.MonkeyPatch, 
 
 
 def test_ten_processes_of_a_computer_find_each_other():
-    count = 10  # by itself Fast DDS calls on four
+    count = 10  # without the profiles, Fast DDS contacts only four participants
     words = [sys.executable, '-c', NODE]
     nodes = [
         subprocess.Popen(

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""One node of a name on a computer."""
+"""Tests of places, of which only one process on a computer can hold each."""
 
 import os
 import subprocess
@@ -11,8 +11,9 @@ import pytest
 from checkweigher_core.parameters import ParameterError
 from checkweigher_core.ros.graph.place import Place, is_held
 
-DOMAIN = 1000 + os.getpid()  # of no line
-# Waits for a line on stdin, so that all begin at once, then holds its place while it lives.
+DOMAIN = 1000 + os.getpid()  # a domain that no line uses
+# Program that waits for a line on stdin, so that several processes can try at the same time. It
+# then holds its place until it ends.
 CONTENDER = f"""
 import sys
 from checkweigher_core.ros.graph.place import Place
@@ -63,7 +64,7 @@ def test_of_many_that_start_at_once_one_holds_the_place():
         assert said.count('holds it\n') == 1
         contenders[said.index('holds it\n')].kill()
         contenders[said.index('holds it\n')].wait()
-        Place(DOMAIN, '/lane/driver').free()  # the kernel has freed it
+        Place(DOMAIN, '/lane/driver').free()  # the kernel has released the place
     finally:
         for each in contenders:
             each.kill()

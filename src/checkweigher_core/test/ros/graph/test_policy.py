@@ -66,6 +66,6 @@ def test_who_verifies_reads_zeroes_and_records_and_no_more():
     its = rights('verify', 'lane1')
     assert its.publish == {'/rosout', '/parameter_events', '/lane1/verification'}
     services = {name for name in its.request if name.count('/') == 2}
-    assert services == {'/lane1/zero', '/lane1/record_change'}  # which has its result
+    assert services == {'/lane1/zero', '/lane1/record_change'}
     assert enclaves(['lane1'])['/lane1/verifier'] == [('lane1', 'verifier'), ('lane1', 'verify')]
     assert '/lane1/begin_verification' in rights('verifier', 'lane1').reply
