@@ -68,8 +68,8 @@ class FlowControl:
     def taken(self, samples: int, edges: int, items: int) -> None:
         """Update the numbers of samples, edges and items that the segmenter has processed."""
         if samples < self._samples_taken or edges < self._edges_taken:
-            # The segmenter was restarted, and did not receive the earlier events. Do not wait until
-            # it has processed them.
+            # Do not wait for the earlier events, because the segmenter was restarted and did not
+            # receive them.
             self._samples_missed = self.samples_sent - samples
             self.items_judged = items
             self._edges.clear()
@@ -98,9 +98,10 @@ class FlowControl:
         return isinstance(event, EyeEdge) and len(self._edges) >= self.max_edges
 
     def give_up_edges(self) -> int:
-        """Forget the edges that are not processed yet if all samples were, and return their number.
+        """Forget the edges that are not processed yet. Returns the number of these edges.
 
-        Such edges have not reached the segmenter, so the driver would wait for them forever.
+        Edges are forgotten only if all samples were processed. The edges have then not reached the
+        segmenter, so the driver would wait for them forever.
         """
         lost = 0 if self._samples_on_their_way > 0 else len(self._edges)
         if lost:

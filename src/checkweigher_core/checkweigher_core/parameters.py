@@ -71,8 +71,8 @@ def parameter(
     ROS and the docs show `text` and `unit` (SI, empty for a dimensionless number). The range from
     `minimum` to `maximum` is inclusive, and applies to each element of a tuple. A string must be
     one of the `choices`. If `choices` is empty, any string is valid. This function also declares
-    the fields of a `settings_files.Settings` class. These may have other types, and a field without
-    a default must be given.
+    the fields of a `settings_files.Settings` class. Such fields may have other types, and are
+    required if they have no default.
     """
     return field(
         default=default,

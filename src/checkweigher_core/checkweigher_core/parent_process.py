@@ -24,8 +24,8 @@ def child_variable() -> dict[str, str]:
 def parent_identity() -> str:
     """Return a unique identity of the parent process.
 
-    The identity consists of boot ID, process ID and start time. On a system without /proc, it is
-    only the process ID.
+    The identity consists of boot ID, process ID and start time. On a system without /proc, the
+    identity is only the process ID.
     """
     parent = os.getppid()
     try:
@@ -39,10 +39,10 @@ def parent_identity() -> str:
 def end_with_parent(parent: int | None = None) -> None:
     """Let the kernel send SIGTERM to this process when its parent ends.
 
-    `parent` is the process ID of the parent. By default, it is the ID in the environment variable
-    that `child_variable` describes. Without an ID, no signal is sent, because a command that a user
-    starts in a shell may outlive the shell. The kernel also sends the signal if the parent goes on
-    but its thread that started this process ends.
+    `parent` is the process ID of the parent. The default is the ID in the environment variable that
+    `child_variable` returns. Without an ID, no signal is sent, because a command that a user starts
+    in a shell may outlive the shell. The kernel also sends the signal if the parent continues but
+    its thread that started this process ends.
     """
     stated = os.environ.pop(_VARIABLE, '')
     parent = int(stated or 0) if parent is None else parent

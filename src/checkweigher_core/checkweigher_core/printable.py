@@ -8,7 +8,7 @@ _LONGEST = 500  # default of the largest number of characters in a line
 def one_line(text: object, longest: int = _LONGEST) -> str:
     """Return a text as one printable line.
 
-    If the text has more than `longest` characters, its middle is replaced by `` ... ``. Control
+    If the text has more than `longest` characters, its middle is replaced by an ellipsis. Control
     characters are replaced by escape sequences, because a terminal would execute them.
     """
     line = str(text)
@@ -21,7 +21,7 @@ def one_line(text: object, longest: int = _LONGEST) -> str:
 
 
 def counted(count: int, name: str) -> str:
-    """Return a number with a noun, which is in the singular only for the number 1.
+    """Return a number with a noun in the singular or plural.
 
     >>> counted(1, 'gap'), counted(0, 'gap')
     ('1 gap', '0 gaps')

@@ -18,7 +18,7 @@ _AT_A_TIME = 1 << 14  # largest number of blocks processed at once
 
 
 def canonical_order(event: Event) -> tuple[float, ...]:
-    """Return the sort key of an event, by which events are sorted by stamp.
+    """Return the sort key of an event, which begins with its stamp.
 
     Of events with the same stamp, edges precede references, and references precede blocks. A block
     has the stamp of its first sample, so the edges during a block follow the block. Different

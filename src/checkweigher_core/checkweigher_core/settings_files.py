@@ -63,8 +63,8 @@ def read_settings(source: Path | str, kind: type[_Kind]) -> _Kind:
 def write_settings(path: Path, settings: Settings, mode: int = 0o644) -> None:
     """Write settings to a file as JSON. An existing file is replaced.
 
-    `mode` contains the permissions of the file. Raises OSError if the file cannot be written. An
-    existing file is then left unchanged.
+    `mode` contains the permissions of the file. If the file cannot be written, OSError is raised,
+    and an existing file is left unchanged.
     """
     text = json.dumps({'format': settings.format, **plain(settings)})
     replace_file(Path(os.path.realpath(path)), [f'{text}\n'.encode()], mode)
@@ -105,8 +105,9 @@ def settings_of(kind: type[_Kind], content: Any, *path: Any, newer: bool = False
     """Return the settings in a mapping. Raises `SettingsError` if they are invalid.
 
     `path` contains the keys that lead to the mapping in its file. If a value is absent or empty,
-    its field has the default. An unknown key is refused, because it is probably a typing error. If
-    the file has a newer format, which `newer` states for a nested mapping, unknown keys are kept.
+    its field has the default. An unknown key is refused, because it is probably a typing error, but
+    it is kept if the file has a newer format. `newer` is true if an enclosing mapping has stated a
+    newer format.
     """
     content, known = kind.prepared(content), _fields(cast(Any, kind))
     if not isinstance(content, dict):

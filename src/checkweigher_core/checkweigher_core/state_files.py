@@ -30,7 +30,10 @@ def state_file(name: str) -> Path:
 
 
 def replace_file(path: Path, parts: Iterable[bytes], mode: int = 0o644) -> None:
-    """Write the bytes `parts` to a file by `replacing`. Raises OSError if that fails."""
+    """Write the bytes `parts` to a file, as `replacing` does.
+
+    Raises OSError if the file cannot be written.
+    """
     with replacing(path, mode) as file:
         file.writelines(parts)
 
@@ -65,7 +68,10 @@ def sync_folder(path: Path) -> None:
 
 
 def make_folder(path: Path, mode: int = 0o777) -> None:
-    """Make a folder and its parents, and flush them to the disk. Raises OSError if that fails."""
+    """Make a folder and its parents, and flush them to the disk.
+
+    `mode` contains the permissions of the folder. Raises OSError if the folder cannot be made.
+    """
     if not path.is_dir():
         make_folder(path.parent)
         path.mkdir(mode, exist_ok=True)

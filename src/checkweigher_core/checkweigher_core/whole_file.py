@@ -21,7 +21,7 @@ def write_whole(path: Path, content: str | bytes | Iterable[str], mode: int = 0o
 
     If the path is a link, its target is replaced. If the path leads to a stream (see `is_stream`),
     the content is written to the stream, which is not replaced. `mode` contains the permissions of
-    the file. Raises `OutputError` if the file cannot be written. An existing file is then left
+    the file. If the file cannot be written, `OutputError` is raised, and an existing file is left
     unchanged.
     """
     given = [content] if isinstance(content, str | bytes) else content
@@ -66,7 +66,7 @@ def _write_stream(path: Path, parts: Iterable[bytes]) -> None:
 
 
 def make_output_folder(path: Path, *, exist_ok: bool = False) -> None:
-    """Make a folder for outputs. Raises `OutputError` if that fails."""
+    """Make a folder for outputs. Raises `OutputError` if the folder cannot be made."""
     try:
         path.mkdir(exist_ok=exist_ok)
     except OSError as error:

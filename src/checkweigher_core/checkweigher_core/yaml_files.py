@@ -16,7 +16,7 @@ from checkweigher_core.parameters import SettingsError
 
 @contextmanager
 def opened(source: Path | str) -> Iterator[Any]:
-    """Yield the content of a YAML or JSON file, whose path is given, or of a text.
+    """Yield the content of YAML or JSON. `source` is the path of a file, or the text itself.
 
     Raises
     ------

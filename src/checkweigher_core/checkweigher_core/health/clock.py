@@ -18,13 +18,10 @@ _DRIFT_LIMIT = 500e-6  # largest relative drift; the drift of a crystal is less 
 _DRIFT_BINS = 6  # smallest number of bins from which a drift is computed
 _PACE_BINS = 3  # smallest number of bins from which the pace is computed
 _JITTER_LIMIT = 0.5  # largest jitter in s
-# Time in s after the first block before jitter is measured. While the nodes start, blocks are late.
-_START = 5.0
+_START = 5.0  # time in s after the first block before jitter is measured, because nodes are starting
 _EYE_OFFSET_LIMIT = 0.1  # largest difference in s between the delays of edges and samples
 _FEWEST_EDGES = 4  # smallest number of edges from which their delay is computed
-# Difference in s between a stamp and the stamp expected from the index of the sample, above which
-# the clock of the stamps was set.
-_CLOCK_STEP = 0.5
+_CLOCK_STEP = 0.5  # smallest error of a stamp in s, relative to its index, if the clock was set
 
 
 class ClockWatch:

@@ -44,14 +44,13 @@ class Finding:
 
     aspect: str
     level: Level
-    text: str  # one line
+    text: str  # description of the problem or of the normal state, in one line
     hint: str = ''  # advice for the technician; empty if there is no problem
-    # Figures by name. The name of a figure ends with its unit.
-    values: Mapping[str, float | str] = field(default_factory=dict)
+    values: Mapping[str, float | str] = field(default_factory=dict)  # figures by name with unit
 
     @property
     def message(self) -> str:
-        """Text and hint in one line."""
+        """Text and hint of the finding, in one line."""
         return f'{self.text}; {self.hint}' if self.hint else self.text
 
 

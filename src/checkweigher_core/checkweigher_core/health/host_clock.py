@@ -16,9 +16,7 @@ _UNKNOWN = 'not known yet'
 _PERIOD = 30.0  # time in s between two calls of chronyc
 _PATIENCE = 10.0  # longest wait in s for the output of chronyc
 _LARGEST_BOUND = 0.1  # largest bound of the clock error in s
-# Smallest change of the clock in s that counts as a step. It is longer than the time between the
-# readings of the two clocks that are compared.
-_STEP = 0.5
+_STEP = 0.5  # smallest step of the clock in s; more than the time between readings of two clocks
 _OWN_CLOCK = 0x7F7F0101  # reference ID of a chronyd that follows its own clock (option local)
 
 
@@ -58,7 +56,7 @@ class HostClock:
 
     @property
     def reference(self) -> str:
-        """Description of the reference of the clock without numbers, empty if not known yet."""
+        """Description of the reference of this clock, without numbers. Empty if not known yet."""
         if 'bound_ms' in self._finding.values:
             return 'synchronised by chrony'
         return '' if self._finding.text == _UNKNOWN else self._finding.text

@@ -20,9 +20,8 @@ from checkweigher_core.printable import counted
 from checkweigher_core.records import Eye, EyeEdge, LoadCell, SampleBlock
 
 PATIENCE = 5.0  # time in s that the nodes of a line need to start
-# Longest time without samples, in s and in durations of a block. The longer time applies.
-_SILENCE = 1.0
-_SILENT_BLOCKS = 5.0
+_SILENCE = 1.0  # longest time in s without samples, unless `_SILENT_BLOCKS` is longer
+_SILENT_BLOCKS = 5.0  # longest time without samples, in durations of a block
 _RATE_TOLERANCE = 0.005  # largest relative difference between measured and nominal sample rate
 _LONGEST_BLOCKED = 10.0  # longest time in s for which a product normally blocks an eye
 _ONE_EYED = 10  # number of edges of one eye after which the other eye must have switched

@@ -83,8 +83,8 @@ def _require(condition: bool, text: str) -> None:
 class SampleBlock:
     """Consecutive readings of the load cell.
 
-    `counts` contains the readings in counts, shape (n,). The reading ``counts[0]`` was taken at
-    `stamp`, and has the index `first_index` in the stream.
+    `counts` contains the readings of the converter, shape (n,). The reading ``counts[0]`` was taken
+    at time `stamp`, and has the index `first_index` in the stream.
     """
 
     stamp: Stamp
@@ -103,7 +103,7 @@ class EyeEdge:
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """Known mass of an item in kg. `stamp` is t1, the time at which the item begins to enter.
+    """Known mass of an item in kg. `stamp` is t1, at which the item begins to enter the belt.
 
     Raises
     ------

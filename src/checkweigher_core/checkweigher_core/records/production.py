@@ -60,8 +60,8 @@ class PerformanceTest(NanEqual):
     pass. `text` states why a test is due or has failed. `who` is the person who made the last test.
     The next test is due at `due`, and the line stops at `stop_at` if no test has passed by then.
     `last` is the end of the last test that passed. Masses are in kg. `errors` contains the weighing
-    error of each pass, NaN for a pass without a mass. A test passes if it has `passes` passes, and
-    the absolute value of each error is at most `limit`.
+    error of each pass, NaN for a pass without a mass. A test passes if the test product was weighed
+    `passes` times, and the absolute value of each error is at most `limit`.
     """
 
     stamp: Stamp

@@ -80,9 +80,9 @@ class StopRequest:
 
 @dataclass(frozen=True, slots=True)
 class Permission:
-    """Permission to run the line if `run` is true, otherwise a request to stop it.
+    """Permission to run the line. If `run` is false, the line must stop.
 
-    A permission that was given at `stamp` (system clock) is valid for a short time only.
+    The permission was given at `stamp` (system clock), and is valid for a short time only.
     """
 
     stamp: Stamp

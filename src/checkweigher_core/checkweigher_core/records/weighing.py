@@ -30,7 +30,7 @@ class Item(NanEqual):
     t3: Stamp | None = None  # the item begins to leave the belt
     line_speed: float = math.nan
     complete: bool = False
-    reasons: tuple[str, ...] = ()  # why the item cannot be weighed; empty if it can be weighed
+    reasons: tuple[str, ...] = ()  # reasons why the item cannot be weighed; empty if it can be
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,7 +62,7 @@ class WeighWindow(NanEqual):
     window_end: int = 0  # position in counts of the first sample at or after t3
     counts: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))  # shape (n,)
     denoised: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
-    reasons: tuple[str, ...] = ()  # why the item cannot be weighed; empty if it can be weighed
+    reasons: tuple[str, ...] = ()  # reasons why the item cannot be weighed; empty if it can be
 
     @property
     def force(self) -> NDArray[np.float64]:

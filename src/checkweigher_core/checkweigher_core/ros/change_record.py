@@ -41,7 +41,10 @@ class ChangeRecord:
         self._needed = self._needed or self._client.service_is_ready()
 
     async def write(self, kind: str, subject: str, value: object) -> str:
-        """Write an entry before a change. Returns why the node must not make it, otherwise ''."""
+        """Write an entry before a change is made.
+
+        Returns the reason why the change must not be made, or an empty string.
+        """
         self.look()
         while not self._needed and time.monotonic() - self._began < _DISCOVERY:
             await in_time(self._node, self._group, Future(), _LOOK_PERIOD)
@@ -56,8 +59,8 @@ class ChangeRecord:
             future = self._client.call_async(request)
             answer = await in_time(self._node, self._group, future, _PATIENCE)
             self._client.remove_pending_request(future)
-        # After a late answer, the change must not be made: the node product may already have read
-        # the parameters, and would miss the change.
+        # Refuse the change after a late answer. The node product may already have read the
+        # parameters to check the entry, and would not see a later change.
         if answer is None or time.monotonic() - asked > _PATIENCE:
             return f'not in the audit log: the node product did not answer within {_PATIENCE:g} s'
         return '' if answer.success else f'not in the audit log: {answer.message}'

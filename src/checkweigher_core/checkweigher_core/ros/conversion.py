@@ -41,7 +41,7 @@ class _Form:
     # Enumeration members that replace unknown values, by the name of the field. Without such a
     # member, a message with an unknown value is refused.
     unknown: Mapping[str, object] = field(default_factory=dict)
-    # Values of fields by which a message means None. Such a message is converted to None.
+    # Values of the fields of a message that stands for None, and is converted to None.
     absent: Mapping[str, object] = field(default_factory=dict)
     # Function that corrects a record by means of its message.
     amend: Callable[[Any, Any], Any] | None = None
@@ -100,9 +100,9 @@ _FORMS: dict[type, _Form] = {
 
 
 def to_message(port: Port, record: Any, *, stamp: int | None = None) -> Any:
-    """Return the rclpy message of a record, or the message that means None.
+    """Return the rclpy message of a record, or the message that stands for None.
 
-    `stamp` is the stamp of the header in ns. It is used only for a record without a stamp.
+    If the record has no stamp, `stamp` in ns becomes the stamp of the header.
     """
     message = port.type()
     if record is None and port.record is not None:
@@ -128,7 +128,7 @@ def to_fields(record: Any, stamp: int | None = None) -> dict[str, Any]:
 
 
 def to_record(port: Port, message: Any) -> Any:
-    """Return the record of a message from rclpy or a bag, or None if the message means None.
+    """Return the record of a message from rclpy or a bag, or None if the message stands for None.
 
     The arrays of the record share the memory of the message, and are read-only.
 
@@ -258,7 +258,7 @@ def _text(value: str) -> str:
 
 
 def _time(stamp: int | None) -> dict[str, int]:
-    """Return the fields of a time message for a stamp in ns. They are 0 if the stamp is unknown.
+    """Return the fields of a time message for a stamp in ns. An unknown stamp has the fields 0.
 
     A stamp after January 2038, which a time message cannot contain, counts as unknown.
     """

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Base class of stage nodes with a life cycle. Their outputs are safe until they are activated."""
+"""Base class of stage nodes with a life cycle, which keep the line stopped until activation."""
 
 from collections.abc import Callable
 from typing import Any
@@ -20,6 +20,7 @@ _FAILURE, _ERROR = TransitionCallbackReturn.FAILURE, TransitionCallbackReturn.ER
 class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
     """Stage node with the states of a ROS managed node.
 
+    The outputs of the node are safe if they stop the line. They are safe unless the node is active.
     A subclass overrides `configure`, `activate`, `deactivate` and `clean_up`, and calls `begin` at
     the end of its constructor. If one of the overridden methods raises an exception, the exception
     is logged, and the transition fails. If the parameter ``autostart`` is true, the node configures

@@ -56,8 +56,8 @@ def descriptor(entry: 'Field[Any]', *, read_only: bool) -> ParameterDescriptor:
 def declare(node: Node, parameters: type[P], prefix: str = '', *, read_only: bool) -> P:
     """Declare a parameter set to ROS, and return it with the values given to the node.
 
-    The ROS name of a parameter is its name in the set after the `prefix`. Raises `ParameterError`
-    if a value is invalid.
+    The ROS names begin with `prefix`, followed by the names in the set. Raises `ParameterError` if
+    a value is invalid.
     """
     values = {}
     for own_name, entry in parameters.entries().items():

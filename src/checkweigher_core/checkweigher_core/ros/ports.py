@@ -268,7 +268,7 @@ BATCH_RESULT = Port(
 ALARMS = Port(
     'alarms', 'checkweigher_msgs/msg/Alarms', records.Alarms, STATE,
     'product', ('users',), (),
-    'Alarms whose cause lasts or that are not acknowledged')
+    'Alarms whose cause still exists, and alarms that are not acknowledged')
 DIAGNOSTICS = Port(
     '/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', None, History(10),
     'every node', ('users',), (), 'Status once a second; see [Diagnostics](reasons.md#diagnostics)')

@@ -27,8 +27,8 @@ from checkweigher_core.ros.stage_node import StageNode
 # Block size in bytes above which glibc returns freed memory to the system. By default, this size
 # grows with the largest freed block, so a process would keep the memory of a large message.
 _MMAP_THRESHOLD, _LARGE = -3, 2**17  # number of the option M_MMAP_THRESHOLD, and its value
-_FAREWELL = Duration(seconds=1)  # longest wait for the arrival of the last messages of a node
-
+# Longest wait for the arrival of the last messages of a node.
+_FAREWELL = Duration(seconds=1)
 # Time in s after which a process that hangs while it destroys its nodes is ended. The node
 # `verifier` may need 20 s to complete its report.
 DESTRUCTION = 30.0
@@ -110,7 +110,10 @@ def _on_signals(stop: Callable[..., None]) -> None:
 
 
 def _shut_down(nodes: Sequence[Node], spinner: Spinner) -> None:
-    """Shut down the nodes in reverse order. A node still works while later nodes shut down."""
+    """Shut down the nodes in reverse order.
+
+    While a node shuts down, the nodes before it in `nodes` still work.
+    """
     for node in reversed(nodes):
         if not isinstance(node, StageNode):
             continue

@@ -132,7 +132,7 @@ class StageNode(PortNode, Generic[P]):
     def create_service(  # type: ignore[no-untyped-def]
         self, srv_type: Any, srv_name: str, callback: Callable[..., Any], **options: Any
     ):
-        """Create a service. A service that sets parameters writes to the audit log before that."""
+        """Create a service. A service that sets parameters first writes to the audit log."""
         if srv_type in (SetParameters, SetParametersAtomically):
             callback = self._on_set_parameters
         return super().create_service(srv_type, srv_name, callback, **options)

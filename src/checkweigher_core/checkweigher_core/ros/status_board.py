@@ -92,7 +92,7 @@ class StatusBoard:
     def rows(self, now: float) -> list[Row]:
         """Return all rows at time `now` in s, sorted from the worst to the best.
 
-        A silent node has only one row, which is STALE. So does a stage that has sent no message.
+        A silent node, or a stage that has sent no message, has only one row, which is STALE.
         """
         with self._lock:
             nodes, expected = dict(self._nodes), dict(self._expected)
@@ -145,9 +145,9 @@ class LaneRow:
 
 
 def by_lane(rows: Iterable[Row]) -> list[LaneRow]:
-    """Return a row for each lane from the rows of a `StatusBoard`, which are sorted.
+    """Return a row for each lane, made from the sorted rows of a `StatusBoard`.
 
-    The lanes are in the order of their worst rows.
+    The lanes are in the order of their worst rows, with the worst lane first.
     """
     lanes: dict[str, list[Row]] = {}
     for row in rows:

@@ -58,7 +58,7 @@ class Place:
         try:
             holder.bind(_address(self._domain, self._name, participant))
         except OSError as error:
-            # Another error is that of a system without abstract names. Continue without a place.
+            # Any other error means that the system has no abstract names. Continue without a place.
             return error.errno != errno.EADDRINUSE
         return True
 

@@ -33,7 +33,7 @@ _VIEWED: dict[str, tuple[Port, ...]] = {
     'record': ports.RECORDED,
     RUN: (ports.DIAGNOSTICS, ports.MASS_ESTIMATE, ports.VERDICT, ports.REFERENCE_MASS),
     PAGE: (ports.DIAGNOSTICS,),
-    'segmenter': (ports.DIAGNOSTICS,),  # contains the states of the clocks of other hosts
+    'segmenter': (ports.DIAGNOSTICS,),  # the segmenter does not use this right at present
     'page_results': ports.PAGE_RESULTS,
     'page_signals': ports.PAGE_SIGNALS,
     PAGE_WORK: (
@@ -114,7 +114,10 @@ def _makes(node: str, port: Port) -> bool:
 
 
 def _full(lane: str, names: Iterable[str]) -> frozenset[str]:
-    """Return the full names of topics or services in a lane. A name with a slash first is full."""
+    """Return the full names of topics or services in a lane.
+
+    A name that begins with a slash is already full.
+    """
     space = f'/{lane}' if lane else ''
     return frozenset(name if name.startswith('/') else f'{space}/{name}' for name in names)
 
