@@ -167,7 +167,7 @@ def is_exit(edge: EyeEdge) -> bool:
 def cut_for_pace(
     events: Iterable[Event], sample_rate: float, pace: float, block_time: float
 ) -> Iterator[Event]:
-    """Yield the events with blocks that suit the playback speed.
+    """Yield the events with blocks whose length suits the playback speed.
 
     `pace` is the playback speed in seconds of signal per second. If `pace` is 0, the signal is
     played as fast as possible, and blocks are joined up to `LONGEST` s. At any other speed, blocks

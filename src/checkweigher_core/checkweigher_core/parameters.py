@@ -315,7 +315,7 @@ def _of_other_lanes(addresses: Iterable[str], lane: str | None) -> set[str]:
     named = {each: namespace for each, namespace in spaces if namespace.strip('*/')}
     lanes = sorted(set(named.values()))
     if lane is None and len(lanes) > 1:
-        raise SettingsError(f'addresses several lanes: {", ".join(lanes)}; choose one of them')
+        raise SettingsError(f'the file addresses several lanes: {", ".join(lanes)}; choose one')
     return {each for each in named if lane is not None and named[each] != lane.strip('/')}
 
 

@@ -37,9 +37,9 @@ _Kind = TypeVar('_Kind', bound='Settings')
 class Settings:
     """Base class of the content of a file, or of a mapping in a file.
 
-    `parameter` declares the fields. A field with the name `name` contains the key under which the
-    mapping is found in its enclosing mapping. `format` is the version of the file format. A file
-    without a version has version 1. `unknown` contains the values of unknown keys.
+    The fields are declared by `parameter`. A field with the name `name` contains the key of the
+    mapping in its enclosing mapping. `format` is the version of the file format. A file without a
+    version has version 1. `unknown` contains the values of unknown keys.
     """
 
     format: ClassVar[int] = 1
@@ -105,9 +105,9 @@ def settings_of(kind: type[_Kind], content: Any, *path: Any, newer: bool = False
     """Return the settings in a mapping. Raises `SettingsError` if they are invalid.
 
     `path` contains the keys that lead to the mapping in its file. If a value is absent or empty,
-    its field has the default. An unknown key is refused, because it is probably a typing error, but
-    it is kept if the file has a newer format. `newer` is true if an enclosing mapping has stated a
-    newer format.
+    the field gets its default. An unknown key is refused, because it is probably a typing error.
+    However, it is kept if the file has a newer format. `newer` is true if an enclosing mapping has
+    stated a newer format.
     """
     content, known = kind.prepared(content), _fields(cast(Any, kind))
     if not isinstance(content, dict):

@@ -25,7 +25,8 @@ def write_whole(path: Path, content: str | bytes | Iterable[str], mode: int = 0o
     unchanged.
     """
     given = [content] if isinstance(content, str | bytes) else content
-    # Escape characters that UTF-8 cannot encode. A file name in the content may contain them.
+    # Replace characters that UTF-8 cannot encode by escape sequences. File names in the content may
+    # contain such characters.
     parts = (p if isinstance(p, bytes) else p.encode(errors='backslashreplace') for p in given)
     try:
         if is_stream(path):

@@ -114,7 +114,7 @@ def _line(text: str, path: tuple[Any, ...]) -> int:
     """Return the line number of a field, or of the innermost existing field that encloses it."""
     line, node = 1, None
     if '\n' in text.strip():
-        with suppress(yaml.YAMLError, RecursionError):  # some JSON texts are not valid YAML
+        with suppress(yaml.YAMLError, RecursionError):  # JSON that is not valid YAML gets line 1
             node = yaml.compose(text, _Loader)
     for step in path:
         if isinstance(node, yaml.MappingNode):

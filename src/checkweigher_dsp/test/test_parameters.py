@@ -263,7 +263,7 @@ def test_of_several_lanes_the_one_that_is_asked_for_is_read(lane, boards):
 def test_of_several_lanes_none_is_taken_by_chance():
     sets = {'larder': Larder}
     message = _refuse(LANES, sets)
-    assert 'line 1: addresses several lanes: left, right; choose one' in message
+    assert 'line 1: the file addresses several lanes: left, right; choose one' in message
     message = _refuse(LANES.replace('right', 'left/cellar'), sets)
     assert 'several lanes: left, left/cellar; choose one' in message
     assert read(LANES.partition('/right')[0], sets)['larder']['shelf.boards'] == 4

@@ -18,10 +18,10 @@ _DRIFT_LIMIT = 500e-6  # largest relative drift; the drift of a crystal is less 
 _DRIFT_BINS = 6  # smallest number of bins from which a drift is computed
 _PACE_BINS = 3  # smallest number of bins from which the pace is computed
 _JITTER_LIMIT = 0.5  # largest jitter in s
-_START = 5.0  # time in s after the first block before jitter is measured, because nodes are starting
+_START = 5.0  # time in s after the first block before jitter is measured, because nodes start
 _EYE_OFFSET_LIMIT = 0.1  # largest difference in s between the delays of edges and samples
 _FEWEST_EDGES = 4  # smallest number of edges from which their delay is computed
-_CLOCK_STEP = 0.5  # smallest error of a stamp in s, relative to its index, if the clock was set
+_CLOCK_STEP = 0.5  # smallest difference in s between stamp and index if the clock was set
 
 
 class ClockWatch:

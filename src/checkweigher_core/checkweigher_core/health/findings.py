@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Findings on the health of a line, and statistics of recent values.
 
-Times are in s on a monotonic clock. The caller reads the clock.
+Times are in s on a monotonic clock. No function reads this clock; the caller passes the time.
 """
 
 from collections import Counter, deque
@@ -173,7 +173,7 @@ class RecentItems(Recent[tuple[str, ...]]):
 
     @property
     def failed_in_a_row(self) -> int:
-        """Number of consecutive failed items up to the latest item."""
+        """Number of consecutive failed items, up to and including the latest item."""
         return sum(1 for _ in takewhile(lambda entry: entry[1], reversed(self)))
 
     def main_reason(self, count: int) -> str:

@@ -21,7 +21,7 @@ def _set_log_folder() -> None:
         os.environ['ROS_LOG_DIR'] = str(folder / 'log')
 
 
-# Set the environment before rclpy creates a context, because rclpy reads it then. A node that is
+# Set the environment now, because rclpy reads it when it creates a context. A node that is
 # connected by DDS can stop a line and change its limits. Nodes on other computers can therefore
 # connect only if the user allows it.
 os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')

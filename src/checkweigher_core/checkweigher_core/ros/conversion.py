@@ -244,7 +244,7 @@ def _reader(hint: Any, unknown: Any) -> Callable[[Any], Any]:
 
 
 def _member(kind: type[Enum], unknown: Enum, value: object) -> Enum:
-    """Return the enumeration member with a value, or `unknown` if no member has it."""
+    """Return the enumeration member with a value, or `unknown` if no member has this value."""
     try:
         return kind(value)
     except ValueError:
@@ -277,7 +277,7 @@ def _dtype(hint: Any) -> np.dtype[Any]:
 
 
 def _bounded(field: Any, most: int = _MOST) -> Any:
-    """Return a string or list of a message. Raises ValueError if it is too long."""
+    """Return a string or list of a message unchanged. Raises ValueError if it is too long."""
     if len(field) > most:
         raise ValueError(f'{len(field)} values in a message field, but at most {most} are allowed')
     return field

@@ -78,7 +78,7 @@ class Diagnostics:
     def _found(self, aspect: str, look: Callable[[], Iterable[Finding]]) -> list[Finding]:
         try:
             return list(look())
-        except Exception as error:  # diagnostics must not stop the line
+        except Exception as error:  # an exception of the diagnostics must not stop the line
             text = f'{type(error).__name__}: {error}'
             hint = 'report this defect of the diagnostics'
             return [Finding(aspect, Level.ERROR, text, hint)]

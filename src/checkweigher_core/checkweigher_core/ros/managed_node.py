@@ -113,7 +113,7 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
         The state machine would otherwise keep the node in the ROS graph.
         """
         super().destroy_node()
-        for name in vars(self).get('_life_cycle', ()):  # not set if the constructor has failed
+        for name in vars(self).get('_life_cycle', ()):  # missing if the constructor has failed
             delattr(self, name)
         self._life_cycle = set()
 

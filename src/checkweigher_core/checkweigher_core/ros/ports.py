@@ -93,7 +93,7 @@ class Port:
 
         profile = self._profile(latched=self.history.stage_latched, share=1.0)
         if self.holds:
-            # Do not request retransmission, because it would delay the messages after a lost one.
+            # Do not request that lost messages are sent again, which would delay later messages.
             profile.reliability = ReliabilityPolicy.BEST_EFFORT
         return profile
 

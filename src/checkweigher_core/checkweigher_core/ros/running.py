@@ -67,8 +67,8 @@ def run_all(
             ctypes.CDLL(None).mallopt(_MMAP_THRESHOLD, _LARGE)
         _initialise(arguments)
         nodes = make_nodes()
-        # Call this function once now. rclpy calls it for each log message, and the first call takes
-        # 0.1 s or more, by which it would delay the first message.
+        # Call this function before the nodes run. rclpy calls it for each log message, and its
+        # first call takes 0.1 s or more, which would delay the first message.
         inspect.getframeinfo(cast(FrameType, inspect.currentframe()))
         starting = False
         spinner = Spinner(stopping.set)
@@ -124,7 +124,7 @@ def _shut_down(nodes: Sequence[Node], spinner: Spinner) -> None:
                 node.shut_down()
             for output in node.final_outputs():
                 output.publisher.wait_for_all_acked(_FAREWELL)
-        except Exception as error:  # the other nodes must still be shut down
+        except Exception as error:  # continue, because the other nodes must be shut down
             print(f'checkweigher: {type(error).__name__}: {one_line(error)}', file=sys.stderr)
 
 

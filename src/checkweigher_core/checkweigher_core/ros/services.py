@@ -17,7 +17,7 @@ VERIFIER, VERIFY = ports.VERIFICATION_PROGRESS.maker, ports.VERIFICATION.maker
 # Nodes that assist the line and publish diagnostics, but are not part of the line.
 OF_MACHINE = SETTING, VERIFIER
 GATEWAYS = 'gateway_metrics', 'gateway_mqtt', 'gateway_opcua'
-# Nodes with which gateways call the services that the page also calls.
+# Nodes by which the gateways call services. They may call the same services as the page.
 GATEWAY_WORK = 'gateway_mqtt_work', 'gateway_opcua_work'
 LIFE_CYCLE_NODES = ('driver', 'reject')
 

@@ -43,7 +43,7 @@ class StageNode(PortNode, Generic[P]):
     ) -> None:
         try:
             super().__init__(parameters.node, parameter_overrides=ros_parameters(overrides or {}))
-        except InvalidParameterTypeException as error:  # use_sim_time is not a bool
+        except InvalidParameterTypeException as error:  # raised if use_sim_time is not a bool
             raise ParameterError(f'{parameters.node}: {error}') from None
         self._place: Place | None = None
         try:

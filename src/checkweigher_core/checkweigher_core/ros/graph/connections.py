@@ -13,7 +13,7 @@ from checkweigher_core.ros.outputs import Input, Output
 from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.ros.ports import Port, fits, misfit
 
-_PATIENCE = 5.0  # longest time in s in which the nodes of a line discover each other
+_PATIENCE = 5.0  # longest time in s that the nodes of a line need to discover each other
 
 
 class Connections:

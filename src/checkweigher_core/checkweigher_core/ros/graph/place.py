@@ -86,7 +86,7 @@ def _socket() -> socket.socket:
 
 
 def _address(domain: int, name: str, participant: bytes) -> str:
-    text = f'{domain} {name} {participant.hex()}'  # may exceed the 107 bytes of an address
+    text = f'{domain} {name} {participant.hex()}'  # too long for an address of 107 bytes
     return f'\0checkweigher/{blake2b(text.encode(), digest_size=20).hexdigest()}'
 
 

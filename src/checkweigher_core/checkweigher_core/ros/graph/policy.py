@@ -26,7 +26,7 @@ OBSERVER = 'observer'  # enclave of commands that only subscribe
 PAGE = 'page'  # enclave of the page
 _PORTS = (*ports.ALL, ports.DYNAMIC_SETTING, ports.VERIFICATION_PROGRESS)
 _EVERY_NODE = frozenset({'/rosout', '/parameter_events'})
-# Topics to which nodes subscribe in addition to the table of ports.
+# Topics to which nodes subscribe in addition to those of which a port names them as subscribers.
 _VIEWED: dict[str, tuple[Port, ...]] = {
     'status': (ports.DIAGNOSTICS,),
     'echo': (ports.MASS_ESTIMATE, ports.VERDICT, ports.REFERENCE_MASS),
@@ -56,8 +56,8 @@ def _of(nodes: Iterable[str], names: Iterable[str]) -> set[str]:
 
 # Services of rclpy that a node calls at other nodes.
 _CALLED = {
-    'product': _of(NODES, services.PARAMETER_SERVICES),  # sets the parameters of a recipe
-    VERIFY: _of(NODES, services.PARAMETER_SERVICES),  # reports a digest of the parameters
+    'product': _of(NODES, services.PARAMETER_SERVICES),  # to set the parameters of a recipe
+    VERIFY: _of(NODES, services.PARAMETER_SERVICES),  # to read the parameters for the report
     PAGE_WORK: _of(services.LIFE_CYCLE_NODES, ('get_state', 'change_state'))
     | _of(NODES, ('get_parameters',))
     | _of((*services.LIFE_CYCLE_NODES, 'segmenter', 'product', *OF_MACHINE), (services.SETTER,)),
