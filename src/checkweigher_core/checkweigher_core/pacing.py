@@ -56,7 +56,7 @@ class FlowControl:
         self.items_judged = 0  # number of items with a verdict
         self._edges: deque[int] = deque()  # stamps of edges that are not processed yet
         self._samples_taken = self._edges_taken = self._items_cut = 0
-        self._samples_missed = 0  # number of sent samples that a restarted segmenter did not get
+        self._samples_missed = 0  # number of sent samples that a restarted segmenter has missed
 
     def sent(self, event: Event) -> None:
         """Count an event that is about to be sent."""

@@ -32,7 +32,7 @@ def opened(source: Path | str) -> Iterator[Any]:
         raise SettingsError(f'{place}line {_line(text, error.path)}: {error}') from None
     except UnicodeDecodeError as error:
         line = error.object.count(b'\n', 0, error.start) + 1
-        raise SettingsError(f'{place}line {line}: not UTF-8') from None
+        raise SettingsError(f'{place}line {line}: not UTF-8; save the file as UTF-8') from None
     except RecursionError:
         raise SettingsError(f'{place}lists or tables are nested too deeply') from None
     except yaml.MarkedYAMLError as error:

@@ -72,8 +72,9 @@ def conclude(
 ) -> Finding:
     """Return the finding on an aspect of a node.
 
-    The finding has the level, text and hint of the most severe concern, or of the first of several
-    most severe concerns. If all `concerns` are None, the level is OK, and the text is `well`.
+    The finding has the level, text and hint of the most severe concern. Of several concerns that
+    are equally severe, the first is used. If all `concerns` are None, the level is OK, and the text
+    is `well`.
     """
     none = Concern(Level.OK, well, '')
     worst = max(filter(None, concerns), key=lambda concern: concern.level, default=none)

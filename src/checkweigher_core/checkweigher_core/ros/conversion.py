@@ -198,7 +198,7 @@ def _plan(kind: Any) -> _Plan:
 
 
 def _newer(name: str, convert: _Get, default: object) -> tuple[_Get, _Get]:
-    """Return getter and converter of a field that messages in older bags do not have."""
+    """Return the getter and the converter of a field that messages in older bags do not have."""
     return (
         lambda message: getattr(message, name, None),
         lambda value: default if value is None else convert(value),

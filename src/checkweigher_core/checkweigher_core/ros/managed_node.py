@@ -41,7 +41,7 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
                 service.callback = self._refusing(service.callback)
 
     def configure(self) -> None:
-        """Prepare the node for activation. Raises ValueError if that fails."""
+        """Prepare the node for activation. Raises ValueError if the node cannot be prepared."""
 
     def activate(self) -> None:
         """Start the work of the node."""
@@ -55,7 +55,7 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
     def begin(self) -> None:
         """Configure the node if ``autostart`` is true.
 
-        If that fails, the node is destroyed, and `ParameterError` is raised.
+        If the node cannot be configured, it is destroyed, and `ParameterError` is raised.
         """
         if not getattr(self.parameters, 'autostart', True):
             return

@@ -54,7 +54,7 @@ class Service(NamedTuple):
     callers: tuple[str, ...]  # nodes with clients
     text: str  # effect of a call
     condition: str = ''  # parameter or option that enables the service; empty if always available
-    changes_line: bool = True  # whether the audit log names the caller, because a call has effects
+    changes_line: bool = True  # whether the audit log names the user who calls the service
 
 
 # fmt: off
