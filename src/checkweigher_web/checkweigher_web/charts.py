@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Parts of figures as options of the JavaScript library ECharts."""
+"""Functions that return figures, or parts of them, as options of the library ECharts."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime
@@ -11,16 +11,18 @@ from numpy.typing import NDArray
 
 Options = dict[str, Any]
 
-# Colours as names of variables in page.css, which the browser looks up in its theme. Lines also
-# differ in width and dash, because some users cannot distinguish the colours.
+# Colours, as the names of CSS variables in page.css. The browser replaces each name by the colour
+# of the variable in the viewer's theme. Lines also differ in width and dash, because some users
+# cannot distinguish the colours.
 RAW, DENOISED, LEVEL, REFERENCE = '--raw', '--blue', '--green', '--violet'
 OTHERS = '--line'
 ALARM, INK, MUTED = '--red', '--ink', '--muted'
 _MAX_POINTS = 1200
-# Width of a figure on a phone, and sizes of its labels, in px.
+# Width of a figure on a phone, width of a character, height of a label, and distance of the lowest
+# label from the chart, in px.
 _NARROWEST, _CHARACTER, _LABEL_HEIGHT, _LABEL_DISTANCE = 200, 7, 14, 5
-_GAP = 18  # distance in px between charts with one time axis
-_ABOVE = 4  # layer of the symbols, above the lines in layer 3
+_GAP = 18  # vertical distance in px between charts that share a time axis
+_ABOVE = 4  # `z` of symbols in ECharts, which draws them above lines, whose `z` is 3
 
 
 def nothing(text: str) -> Options:
@@ -30,7 +32,7 @@ def nothing(text: str) -> Options:
 
 
 def figure(series: list[Options], x_name: str, y_name: str) -> Options:
-    """Return a figure with these series. Its axes cover the range of the data."""
+    """Return a figure of `series`. Its axes cover the range of the data, and may leave out 0."""
     axis = {'type': 'value', 'axisLine': {'onZero': False}}
     return {
         'animation': False,
@@ -49,7 +51,7 @@ def figure(series: list[Options], x_name: str, y_name: str) -> Options:
 
 
 def legend(series: Iterable[Options]) -> Options:
-    """Return the legend of these series, with the drawn width and dash of each line."""
+    """Return the legend of `series`. It shows each line with the width and dash of its figure."""
     data = [
         {'name': each['name'], 'itemStyle': {'opacity': int(each['type'] != 'line')}}
         for each in series
@@ -61,7 +63,7 @@ def legend(series: Iterable[Options]) -> Options:
 def line(
     name: str, x: NDArray[Any], y: NDArray[Any], color: str, *, width: int, dash: str = 'solid'
 ) -> Options:
-    """Return a line through the points (n,), or through every k-th point if n is large."""
+    """Return a line through the points `x`, `y` (n,), thinned to at most `_MAX_POINTS` points."""
     step = max(1, -(-len(x) // _MAX_POINTS))
     return {
         'type': 'line',
@@ -74,7 +76,7 @@ def line(
 
 
 def symbols(name: str, x: NDArray[Any], y: NDArray[Any], symbol: str, size: int) -> Options:
-    """Return red symbols at the points (n,), which are drawn above all lines."""
+    """Return red symbols at the points `x`, `y` (n,). They are drawn above all lines."""
     return {
         'type': 'scatter',
         'name': name,
@@ -88,7 +90,7 @@ def symbols(name: str, x: NDArray[Any], y: NDArray[Any], symbol: str, size: int)
 
 
 def _points(x: NDArray[Any], y: NDArray[Any]) -> list[list[float]]:
-    """Return points with about 6 significant digits of the largest value, which may be in kg."""
+    """Return [x, y] pairs. y has 4 decimals, or 7 if no value exceeds 10, as for masses in kg."""
     largest = np.nanmax(np.abs(y), initial=0.0)
     return np.column_stack([x.round(4), y.round(4 if largest > 10 else 7)]).tolist()
 
@@ -118,8 +120,8 @@ def mark_lines(places: Mapping[str, float], axis: str = 'xAxis') -> Options:
 def mark_apart(figure: Options, places: Mapping[str, float]) -> None:
     """Mark positions on the x axis of a figure with labels that do not overlap.
 
-    The server does not know the width of the figure in the browser. Labels that would overlap on a
-    phone are therefore stacked.
+    `places` maps each label to its position. The server does not know the width of the figure in
+    the browser. Labels that would overlap on a phone are therefore stacked.
     """
     axis = figure['xAxis']
     scale = _NARROWEST / ((axis['max'] - axis['min']) or 1.0)
@@ -134,9 +136,10 @@ def mark_apart(figure: Options, places: Mapping[str, float]) -> None:
 
 
 def stacked(labels: Mapping[str, float]) -> dict[str, int]:
-    """Return a level from 0 for each label, so that labels on the same level do not overlap.
+    """Return the level (0, 1, ...) of each label, so that labels on one level do not overlap.
 
-    `labels` maps each label to the position of its middle in px, in increasing order.
+    `labels` maps each label to the position of its middle in px. The positions are in increasing
+    order.
     """
     ends, levels = list[float](), dict[str, int]()  # right end in px of each level
     for name, at in labels.items():
@@ -148,18 +151,21 @@ def stacked(labels: Mapping[str, float]) -> dict[str, int]:
 
 
 def local_times(stamps: Sequence[float] | NDArray[Any]) -> NDArray[np.float64]:
-    """Return stamps (n,) in ns as positions on a time axis, which are local times in ms."""
+    """Return the positions on a time axis, in ms of local time, of stamps (n,) in ns.
+
+    The difference from UTC at the last stamp is used for all stamps.
+    """
     found = np.asarray(stamps, np.float64) / 1e6
     return found + (_ahead(found[-1] / 1e3) if len(found) else 0.0)
 
 
 def stamp_of(position: float) -> int:
-    """Return the stamp in ns of a position on a time axis in ms."""
+    """Return the stamp in ns of a position on a time axis, which is a local time in ms."""
     return round((position - _ahead(position / 1e3)) * 1e6)
 
 
 def _ahead(seconds: float) -> float:
-    """Return the offset of the local time of the line from UTC in ms."""
+    """Return the difference in ms between local time and UTC at a Unix time in s."""
     offset = datetime.fromtimestamp(seconds).astimezone().utcoffset()
     return 0.0 if offset is None else 1e3 * offset.total_seconds()
 
@@ -169,10 +175,12 @@ def rows(
     heights: Mapping[str, int],
     ends: Sequence[float] | NDArray[Any],
 ) -> Options:
-    """Return a figure with rows of series that share one time axis.
+    """Return a figure of charts, one below the other, that share one time axis.
 
-    `heights` maps the names of the rows to their heights in px. A row of symbols shows no value
-    axis. The time axis begins and ends at `ends`, and a slider selects a part of it.
+    `series` contains the series of each chart, from top to bottom. `heights` maps the name of each
+    chart to its height in px. A chart that contains only symbols has no value axis. `ends` contains
+    the start and the end of the time axis, as `local_times` returns them. A slider below the charts
+    selects a part of the time axis.
     """
     top = _GAP
     figure: Options = {'grid': [], 'xAxis': [], 'yAxis': [], 'series': []}

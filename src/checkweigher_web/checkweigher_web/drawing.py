@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Caches of figures and tables, which are made once for all viewers."""
+"""Caches of figures and tables, each of which is made once for all viewers."""
 
 from collections.abc import Callable, Hashable
 import time
@@ -15,21 +15,21 @@ T = TypeVar('T')
 class Made:
     """Cache of objects that all viewers share, so that twenty viewers cost little more than one.
 
-    Only the page thread may use the cache.
+    The cache has no lock, so only the page thread may use it.
     """
 
     def __init__(self) -> None:
         self._made: dict[Hashable, tuple[object, Any]] = {}
 
     def once(self, name: Hashable, state: object, make: Callable[[], T]) -> T:
-        """Return the object with a name, which is made again if `state` has changed."""
+        """Return the object `name` of the cache. It is made again if `state` has changed."""
         known = self._made.get(name)
         if known is None or known[0] != state:
             known = self._made[name] = state, make()
         return known[1]
 
     def each_second(self, name: Hashable, make: Callable[[], T]) -> T:
-        """Return the object with a name, which is made again at most once per second."""
+        """Return the object `name` of the cache. It is made again at most once per second."""
         return self.once(name, int(time.monotonic()), make)
 
 
@@ -41,7 +41,7 @@ class Drawing(Made):
         self.lane = lane
 
     def items(self, *, only_faults: bool = False) -> list[ShownItem]:
-        """Return the items, or only the faults, without their signals, the latest first."""
+        """Return the items, or only the faults, without their signals. The latest item is first."""
         make = self.lane.faults if only_faults else self.lane.items
         return self.once(('items', only_faults), self.lane.version, make)
 
@@ -50,7 +50,7 @@ class Drawing(Made):
         return next(iter(self.items()), None)
 
     def of_items(self) -> object:
-        """Return a value that changes with the latest item, the product and the batch."""
+        """Return a value that changes when the latest item, the product or the batch changes."""
         return self.once('state', self.lane.version, self._of_items)
 
     def _of_items(self) -> object:
@@ -61,6 +61,6 @@ class Drawing(Made):
 def row_key(item: ShownItem) -> str:
     """Return the key of an item as text, because JavaScript would round a stamp in ns.
 
-    The key contains the item number, so that keys of items without times differ, too.
+    The text also contains the item number, so that the keys of two items without times differ.
     """
     return f'{item.verdict.item_id}/{item.key[0]}/{item.key[1]}'

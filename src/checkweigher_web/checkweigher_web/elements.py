@@ -22,7 +22,11 @@ Link = tuple[str, str]  # text and address of a link
 
 
 class Told(NamedTuple):
-    """Text of a cell, with the name of its level, and its language if it is not translated."""
+    """Text of a table cell.
+
+    `level` is the name of the diagnostic level that colours the text, or ''. `lang` is the language
+    of a text that is not translated, or ''.
+    """
 
     text: str
     level: str = ''
@@ -41,7 +45,7 @@ def panel(title: str, name: str = '') -> Element:
 
 
 def scrolled(name: str, label: str) -> Element:
-    """Add a part with the CSS class `name` that keys can scroll, and return it."""
+    """Add a container of CSS class `name` that the keyboard can scroll, and return it."""
     return named(ui.element('div').classes(name).props('role=group tabindex=0'), label)
 
 
@@ -53,7 +57,7 @@ def heading(text: str) -> Element:
 
 
 def text_file_input(label: str, longest: int, take: Callable[[str], object]) -> Element:
-    """Add an input for a text file, and call `take` with the first `longest` characters.
+    """Add an input for a text file, and call `take` with the text in its first `longest` bytes.
 
     The browser does not read the rest of a longer file.
     """
@@ -63,7 +67,7 @@ def text_file_input(label: str, longest: int, take: Callable[[str], object]) -> 
 
 
 def told(text: str, say: Language) -> Told:
-    """Return the translation of a text as a cell, or a text that has none marked as English."""
+    """Return a cell with the translation of a text. A text without one is marked as English."""
     return Told(say(text), lang='' if say.knows(text) else 'en')
 
 
@@ -73,27 +77,27 @@ def level_cell(level: Level, say: Language) -> Told:
 
 
 def show_told(label: ui.label, text: str, say: Language) -> None:
-    """Show the translation of a text in a label, or a text that has none marked as English."""
+    """Show the translation of a text in a label. A text without one is marked as English."""
     label.set_text(say(text))
     label.props(f'lang={say.tag if say.knows(text) else "en"}')
 
 
 def named(element: E, label: str) -> E:
-    """Give an element a name for screen readers, and return it."""
+    """Set the name of an element that screen readers read, and return the element."""
     element.props['aria-label'] = label
     return element
 
 
 def menu_entry(text: str, click: Callable[[], object]) -> Element:
-    """Add an entry to a menu."""
+    """Add an entry that calls `click` to the enclosing menu, and return the entry."""
     return ui.menu_item(text, click).props('role=menuitem')
 
 
 class _FromText(ui.element):
-    """Element that shows the JSON text in its property `_of`.
+    """Element whose content is one text in JSON, in the property that `_of` names.
 
-    NiceGUI compares the properties of an element for each viewer, and one text is cheaper to
-    compare than many cells or options.
+    NiceGUI compares the properties of an element for each viewer. The content is one text, because
+    one text is cheaper to compare than many cells or options.
     """
 
     _of = 'rows'
@@ -105,10 +109,10 @@ class _FromText(ui.element):
 
 
 class Figure(_FromText, ui.echart, component='figure.js'):
-    """Figure that ECharts draws from options in JSON. `ui.echart` loads ECharts.
+    """Figure that ECharts draws from options in JSON. The base class `ui.echart` loads ECharts.
 
-    A `linked` figure has a time axis. It emits `span` with both ends of the selected part, or null
-    for the whole axis, and `at` with the time of a click.
+    A `linked` figure has a time axis. It emits the event `span` with both ends of the selected part
+    of the axis, or with null for the whole axis, and the event `at` with the time of a click.
     """
 
     _of = 'text'
@@ -136,7 +140,7 @@ class ItemList(_FromText, component='items.js'):
         self.on('choose', lambda event: choose(str(event.args)))
 
     def choose(self, key: str) -> None:
-        """Mark the row with a key, or no row for the key ''."""
+        """Mark the row whose key is `key`, or no row if `key` is ''."""
         if self.props.get('chosen', '') != key:
             self.props['chosen'] = key
 
@@ -152,7 +156,10 @@ class Lines(_FromText, component='lines.js'):
 
 
 class Pulse(ui.element, component='pulse.js'):
-    """Age, clock and theme of the page. Without beats, the browser greys the page."""
+    """Element that shows the age of the page, compares the clocks, and sets the theme.
+
+    The browser greys the page if no heartbeat of the server arrives for 3 s.
+    """
 
     def __init__(self, say: Language) -> None:
         super().__init__()
@@ -170,9 +177,9 @@ class Pulse(ui.element, component='pulse.js'):
         }
 
     def beat(self, age: float, wakes: str = '') -> None:
-        """Send a beat with the age in s of the state that the browser shows.
+        """Send a heartbeat with the age in s of the state that the browser shows.
 
-        A dimmed screen wakes when `wakes` changes.
+        A dimmed screen becomes bright again when `wakes` changes.
         """
         now = time.time()
         since = self._say.clock(round(NANOSECONDS * (now - age)))
@@ -181,7 +188,7 @@ class Pulse(ui.element, component='pulse.js'):
 
 
 class Reading(_FromText, component='reading.js'):
-    """Large display of the mass and verdict of an item, with a scale."""
+    """Large display of the mass and verdict of an item, with a scale that shows the limits."""
 
     _of = 'text'
 
@@ -195,9 +202,10 @@ class Reading(_FromText, component='reading.js'):
         }
 
     def show(self, text: str, age: float | None, *, still: bool) -> None:
-        """Show a reading in JSON, with its age in s or None for a recorded item.
+        """Show a reading, which is given in JSON.
 
-        The reading is grey if `still` is true, because the lane does not weigh.
+        `age` is the age of the reading in s, or None for a recorded item. `still` is true if the
+        lane does not weigh. The reading is then grey.
         """
         if self.props.get('text') != text:
             self.props['age'] = -1 if age is None else round(age, 1)
@@ -206,7 +214,7 @@ class Reading(_FromText, component='reading.js'):
 
 
 class Production(_FromText, component='production.js'):
-    """Production figures with their course over time, and bars of the packers' rules."""
+    """Production figures, each with its course over time, and bars for the packers' rules."""
 
     _of = 'text'
 
@@ -220,7 +228,7 @@ class Table(_FromText, component='rows.js'):
         self.show(())
 
     def show(self, rows: Iterable[Sequence[Cell]]) -> None:
-        """Replace the rows, which have a cell for each column."""
+        """Replace the rows. Each row has a cell for each column."""
         given = list(rows)
         self.set_visibility(bool(given))
         self.show_text(json.dumps(given))

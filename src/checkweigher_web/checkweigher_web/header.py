@@ -48,10 +48,10 @@ def header(
 ) -> None:
     """Show the header of a page with its title, the state of its lane and a menu.
 
-    `say` is the language of the viewer, and `look` is the state of the viewer of a running lane.
-    The header shows the link `back`, which is an English text and an address, while `others`
-    returns true. `work` adds entries to the menu. The browser greys the page while the lane is
-    silent or the server does not answer.
+    `say` is the language of the viewer. `look` is the state of the viewer of a running lane, or
+    None on other pages. `back` contains the English text and the address of a link, which the
+    header shows while `others` returns true. `work` adds entries to the menu. The browser greys the
+    page while the lane is silent or the server does not answer.
     """
     session = access.session_of(ui.context.client)
     with ui.element('header').classes('head'):
@@ -84,10 +84,10 @@ def header(
 
 
 def page_language() -> Language:
-    """Return the language and unit of the viewer, and make it the language of the page."""
+    """Return the language and unit of the viewer, and set the language of the page."""
     client = ui.context.client
     say = language_of(client.request.headers, client.request.cookies)
-    # All viewers share the page object of NiceGUI, which has one language.
+    # All viewers share the page object of NiceGUI. Copy it, because it has only one language.
     client.page = copy(client.page)
     client.page.language = say.tag  # type: ignore[assignment]
     ui.page_title(say('Checkweigher'))
@@ -95,7 +95,7 @@ def page_language() -> Language:
 
 
 def _choose_language(say: Language) -> None:
-    """Ask for the language and the unit of mass, which the browser keeps."""
+    """Open a dialog for the language and the unit of mass, which the browser stores in cookies."""
 
     def choice(label: str, cookie: str, known: dict[str, str], now: str) -> None:
         chosen = ui.select(known, label=label, value=now).props('outlined dense')
@@ -114,7 +114,7 @@ def _choose_language(say: Language) -> None:
 class _Facts:
     """State of a lane in the header: product, batch, whether it weighs, alarms, diagnostics."""
 
-    silence = 0.0  # longest time in s without diagnostics of a node that weighs
+    silence = 0.0  # longest time in s for which a node that weighs is silent, or 0
     wakes = ''  # text whose changes wake a dimmed screen
 
     def __init__(self, look: Look) -> None:
@@ -122,7 +122,7 @@ class _Facts:
         self._labels = {name: ui.label('').classes(f'fact {name}') for name in _FACTS}
 
     def show(self) -> None:
-        """Show the present state."""
+        """Update the header to the present state of the lane."""
         lane, nodes, say = self._look.drawing.lane, self._look.nodes(), self._look.say
         waiting = sum(not each.acknowledged_by for each in lane.alarms)
         stop = '' if lane.stop is None else f'STOP {lane.stop.reason}'

@@ -14,23 +14,27 @@ from checkweigher_core.records import GRAMS, NANOSECONDS, Decision, Verdict
 from checkweigher_web.languages.language import Mass, Text
 
 HOUR = 3600 * NANOSECONDS
-Change = tuple[int, Text]  # stamp in ns, and a text on what changed
+Change = tuple[int, Text]  # stamp in ns, and description of the change
 
 
 @dataclass(frozen=True, slots=True)
 class History:
-    """Items with a time, in the order of their verdicts.
+    """Items whose time is known, with the noise of the belt and the changes of settings.
+
+    The items are in the order of their verdicts.
 
     Attributes
     ----------
     stamps : array of shape (n,)
         Times of the items in ns.
     decisions : array of shape (n,)
-        Values of `Decision`.
+        Decisions on the items, as values of `Decision`.
     masses, zeros : array of shape (n,)
-        Gross masses, and zeros relative to the calibration, in g, or NaN.
+        Gross masses in g, and zeros in g relative to the zero of calibration. Unknown values are
+        NaN.
     noise : array of shape (m, 2)
-        Times in ns, and standard deviations of the empty belt in g.
+        Times in ns in the first column, and standard deviations of the signal of the empty belt in
+        g in the second column.
     changes : tuple of (int, Text)
         Changes of product, batch, limits and zero, and actions of users, in order of time.
     """
@@ -48,10 +52,10 @@ def history_of(
     noise: Iterable[tuple[int, float]] = (),
     changes: Iterable[Change] = (),
 ) -> History:
-    """Return the history of items, which are given as verdicts and zeros in kg.
+    """Return the history of items, each of which is given as its verdict and its zero in kg.
 
-    `noise` contains times in ns and standard deviations of the empty belt in g. `changes`
-    contains the changes that the verdicts do not show.
+    `noise` contains times in ns and standard deviations of the signal of the empty belt in g.
+    `changes` contains the changes that the verdicts do not show, such as actions of users.
     """
     timed = [each for each in items if each[0].time]
     verdicts = [verdict for verdict, _ in timed]
@@ -71,7 +75,7 @@ def _stamp_of(verdict: Verdict) -> int:
 
 
 def _changes(verdicts: list[Verdict]) -> Iterable[Change]:
-    """Yield the change of product, batch or limits between two successive items."""
+    """Yield the change between each two successive items: of product, else batch, else limits."""
     for one, other in pairwise(verdicts):
         if one.product != other.product:
             name = other.product or Text('none')
@@ -89,10 +93,11 @@ def _changes(verdicts: list[Verdict]) -> Iterable[Change]:
 class Intervals:
     """Means of a history in intervals of equal length, as arrays of shape (k,).
 
-    `times` contains the middle of each interval in ns. `rates` are in items per minute, and
-    `rejects` is the fraction of items that were not accepted. `means` and `std_devs` are those of
-    the accepted items in g, and `zeros` are in g. The rate of an interval without items is 0, and
-    its other values are NaN.
+    `times` contains the middle of each interval in ns. `rates` contains the items per minute, and
+    `rejects` the fraction of the items that were not accepted. `means` and `std_devs` contain the
+    mean and the standard deviation of the gross masses of the accepted items in g. `zeros` contains
+    the mean zero of all items in g. A value that the items of an interval do not determine is NaN.
+    The rate of an interval without items is 0.
     """
 
     times: NDArray[Any]
@@ -104,7 +109,7 @@ class Intervals:
 
 
 def intervals(history: History, begin: int, end: int, count: int) -> Intervals:
-    """Return the means in `count` intervals from `begin` to `end` in ns."""
+    """Return the means of a history in `count` intervals from `begin` to `end` in ns."""
     length = max(end - begin, 1) / count
     places = np.floor((history.stamps - begin) / length).astype(int)
     inside = (places >= 0) & (places < count)

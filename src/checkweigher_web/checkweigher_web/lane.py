@@ -45,11 +45,11 @@ Key = tuple[int | None, int | None]
 MAX_ITEMS = 500  # maximum number of listed items
 _MAX_HOUR = 7200  # maximum number of verdicts, estimates and noise values for the last hour
 _MAX_WINDOWS = 50
-_MAX_OVER = 20  # maximum number of alarms that are over
+_MAX_OVER = 20  # maximum number of ended alarms
 _MAX_EDGES = 400
-SHOWN = 20.0  # duration in s of the samples for the views
+SHOWN = 20.0  # duration in s of the samples that a lane holds for the views
 _MOMENT = NANOSECONDS // 2  # time in ns over which the load is averaged
-_PARTS = 6  # number of parts of the latest second whose loads are compared
+_PARTS = 6  # number of parts of the latest second whose mean loads are compared
 _AROUND = 3 * NANOSECONDS // 10  # margin in ns before the first and after the last edge of an item
 
 
@@ -58,7 +58,7 @@ Span = tuple[int, int]  # start and end in ns
 
 @dataclass(frozen=True, slots=True)
 class BeltNoise:
-    """Standard deviation of the empty belt in g, from diagnostics that arrived at `stamp`."""
+    """Standard deviation of the empty-belt signal in g, which arrived at `stamp` in ns."""
 
     stamp: int
     grams: float
@@ -66,7 +66,7 @@ class BeltNoise:
 
 @dataclass(frozen=True, slots=True)
 class Deed:
-    """Action that a user performed on the page at `stamp`."""
+    """Action that a user performed on the page at `stamp` in ns."""
 
     stamp: int
     who: str
@@ -83,16 +83,16 @@ class ShownItem(NanEqual):
     stretch: Stretch | None = None
     t4: int | None = None
     reference: float = math.nan  # kg
-    usual_speed: float = math.nan  # latest known belt speed before this item in m/s
+    usual_speed: float = math.nan  # latest known belt speed in m/s of the items before this one
 
     @property
     def key(self) -> Key:
-        """Unique key of the item."""
+        """Key of the item, which is unique if one of its times is known."""
         return _key(self.verdict)
 
     @property
     def times(self) -> dict[str, int]:
-        """Known times among t1 to t4, in ns."""
+        """Times in ns by name, for those of t1 to t4 that are known."""
         t1, t3 = self.key
         t2 = None if self.estimate is None else self.estimate.t2
         times = {'t1': t1, 't2': t2, 't3': t3, 't4': self.t4}
@@ -102,7 +102,7 @@ class ShownItem(NanEqual):
 class Lane:
     """Latest records of a lane, with the samples of the last `held` s.
 
-    The ROS thread adds records, and the page thread reads them. `version` increases with each
+    The ROS thread adds records, and the page thread reads them. `version` is increased by each
     record other than samples and belt noise.
     """
 
@@ -110,12 +110,12 @@ class Lane:
         self.name = name
         self.held = held
         self.version = 0
-        self.judged = -math.inf  # time.monotonic() in s of the latest verdict
+        self.judged = -math.inf  # time.monotonic() in s at the arrival of the latest verdict
         self.statistics: Statistics | None = None
         self.filler: FillerFeedback | None = None
         self.stop: StopRequest | None = None
         self.alarms: tuple[Alarm, ...] = ()
-        self.over: tuple[Alarm, ...] = ()  # alarms that are no longer in the list
+        self.over: tuple[Alarm, ...] = ()  # ended alarms, which have left `alarms`
         self.load_cell: LoadCell | None = None
         self.zero: ZeroChange | None = None
         self.series = MassSeries()
@@ -154,7 +154,7 @@ class Lane:
                     self.zero = record
                 case StopRequest() | None:
                     self.stop = record
-                case LoadCell():  # A source publishes it before a new stream of samples.
+                case LoadCell():  # It announces a new stream of samples, so drop the previous one.
                     self.load_cell = record
                     self._begin_stream()
                 case BeltNoise():  # Noise alone must not update the views each second.
@@ -176,18 +176,18 @@ class Lane:
             blocks.popleft()
 
     def _begin_stream(self) -> None:
-        """Drop samples, edges and reference masses. A new stream may have earlier stamps."""
+        """Drop samples, edges and reference masses, since a new stream may have earlier stamps."""
         for records in (self._blocks, self._latest[EyeEdge], self._latest[Reference]):
             records.clear()
 
     def forget_signals(self) -> None:
-        """Drop samples and windows, because the page receives none without a viewer."""
+        """Drop samples and windows, because without a viewer the page receives no newer ones."""
         with self._lock:
             self._blocks.clear()
             self._latest[WeighWindow].clear()
 
     def items(self, span: Span | None = None) -> list[ShownItem]:
-        """Return all items or those of a span without their signals, the latest item first.
+        """Return the items, or only those in a span, without their signals, the latest item first.
 
         Only the latest `MAX_ITEMS` of these items are returned.
         """
@@ -196,7 +196,7 @@ class Lane:
             estimates = estimates[-2 * MAX_ITEMS :]
         else:
             verdicts = tuple(each for each in verdicts if is_within(each, span))
-        # A restarted lane may repeat its latest verdicts.
+        # A restarted lane may repeat its latest verdicts, so keep one verdict of each item.
         latest = {(each.item_id, _key(each)): each for each in verdicts[-MAX_ITEMS:]}
         by_key = {_key(estimate): estimate for estimate in estimates}
         results = [(verdict, by_key.get(_key(verdict))) for verdict in latest.values()]
@@ -204,11 +204,11 @@ class Lane:
         return list(joined(results, joiner))[::-1]
 
     def faults(self, span: Span | None = None) -> list[ShownItem]:
-        """Return the items with the decision FAULT, the latest item first."""
+        """Return those of `items(span)` whose decision is FAULT, the latest item first."""
         return [each for each in self.items(span) if each.verdict.decision == Decision.FAULT]
 
     def history(self) -> History:
-        """Return the items, the noise and the changes, which cover about an hour."""
+        """Return the latest items, belt noise, changes of zero, and actions of users."""
         verdicts, estimates, noise, deeds, zeros = self._of(
             Verdict, MassEstimate, BeltNoise, Deed, ZeroChange
         )
@@ -227,19 +227,19 @@ class Lane:
             return [tuple(self._latest[kind]) for kind in kinds]
 
     def _signal(self) -> RawSignal | None:
-        """Return the samples and edges, or None without samples."""
+        """Return the samples and edges, or None if the load cell or the samples are not known."""
         with self._lock:
             cell, blocks, edges = self.load_cell, list(self._blocks), list(self._latest[EyeEdge])
         return RawSignal(cell, blocks, edges) if cell is not None and blocks else None
 
     def with_signals(self, item: ShownItem) -> ShownItem:
-        """Return an item with its window, and raw samples for a fault or without a window."""
+        """Return an item with its window, or with raw samples as `with_window` does."""
         (windows,) = self._of(WeighWindow)
         window = next((each for each in reversed(windows) if _key(each) == item.key), None)
         return with_window(item, window, self._signal())
 
     def windows_before(self, item: ShownItem, count: int) -> list[WeighWindow]:
-        """Return the windows of the latest items of the same product before an item."""
+        """Return the windows of at most `count` items of the same product before an item."""
         verdicts, windows = self._of(Verdict, WeighWindow)
         own = {_key(each) for each in verdicts[-MAX_ITEMS:] if each.product == item.verdict.product}
         end = max(item.times.values(), default=0)
@@ -247,9 +247,9 @@ class Lane:
         return [each for each in known if (each.t3 or 0) < end][-count:]
 
     def empty_belt(self, item: ShownItem | None = None) -> NDArray[np.float64]:
-        """Return the longest signal of the empty belt, shape (n,), in kg, minus its mean.
+        """Return the longest segment of the empty belt, shape (n,), in kg, minus its mean.
 
-        `item` is ignored, because only the latest samples are held.
+        n is 0 if there are no samples. `item` is ignored, because only the latest samples are held.
         """
         signal = self._signal()
         if signal is None:
@@ -260,7 +260,7 @@ class Lane:
     def load(self) -> tuple[float, float]:
         """Return the present load on the belt and its range within the latest 1 s, in kg.
 
-        Both are NaN without samples.
+        Both are NaN if there are no samples.
         """
         signal = self._signal()
         if signal is None:
@@ -272,13 +272,13 @@ class Lane:
         return float(loads[len(loads) // 2 :].mean()), float(np.ptp(loads))
 
     def recording(self) -> Recording | None:
-        """Return the samples and edges of the time for which both are held, or None."""
+        """Return the samples and edges of the time for which both are held, or None without it."""
         (references,) = self._of(Reference)
         signal = self._signal()
         if signal is None:
             return None
         begin, edges = signal.blocks[0].stamp, signal.edges
-        if len(edges) == _MAX_EDGES:  # Earlier edges were dropped.
+        if len(edges) == _MAX_EDGES:  # Edges before the first one may have been dropped.
             begin = max(begin, edges[0].stamp)
         if signal.blocks[-1].stamp < begin:
             return None
@@ -287,14 +287,14 @@ class Lane:
 
 
 def is_within(verdict: Verdict, span: Span) -> bool:
-    """Return whether an item has a time and is in a span."""
+    """Return whether the time of an item is known and is in a span."""
     return verdict.time is not None and span[0] <= verdict.time <= span[1]
 
 
 def joined(
     results: Iterable[tuple[Verdict, MassEstimate | None]], joiner: ResultJoiner
 ) -> Iterator[ShownItem]:
-    """Yield the item of each verdict and estimate, which are in the order of the line."""
+    """Yield an item for each pair of verdict and estimate, in the order of the line."""
     speed = math.nan
     for verdict, estimate in results:
         nothing = MassEstimate(verdict.item_id, verdict.t1, None, verdict.t3, verdict.reasons)
@@ -305,7 +305,10 @@ def joined(
 
 
 def with_window(item: ShownItem, window: WeighWindow | None, signal: RawSignal | None) -> ShownItem:
-    """Return an item with its window, and with raw samples for a fault or without a window."""
+    """Return an item with its window.
+
+    The item also gets the raw samples around it if it is a fault or if its window is missing.
+    """
     item = replace(item, window=window)
     weighed = item.verdict.decision != Decision.FAULT
     if signal is None or not item.times or (weighed and window is not None and len(window.counts)):
@@ -314,7 +317,7 @@ def with_window(item: ShownItem, window: WeighWindow | None, signal: RawSignal |
 
 
 def _span_of(item: ShownItem, load_cell: LoadCell) -> tuple[int, int]:
-    """Return the start and end of the signal around an item in ns.
+    """Return the start and end in ns of the signal around an item.
 
     If an eye missed the item, the time at that eye is computed from the usual belt speed.
     """

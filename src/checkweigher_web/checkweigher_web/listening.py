@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes that receive the records of lanes, and the signals of a lane only for viewers."""
+"""Nodes that receive the results of lanes, and their signals while a viewer is present."""
 
 from collections.abc import Callable
 import threading
@@ -15,7 +15,7 @@ from checkweigher_core.ros.status_board import StatusBoard, number_of
 from checkweigher_web.lane import SHOWN, BeltNoise, Lane
 
 _LOOK_PERIOD = 0.5  # s
-_NOISE = 'segmenter: Belt noise'  # status name after the namespace
+_NOISE = 'segmenter: Belt noise'  # name of a diagnostic status, after the namespace
 
 
 class _Listener(PortNode):
@@ -29,8 +29,8 @@ class Watch:
     """Running lanes, which are found by their verdict topics.
 
     A thread looks for lanes, and subscribes to the signals of a lane while `viewers` returns a
-    number above 0 for it. This needs a thread, because an executor cannot change its own nodes
-    while it runs them. A lane holds the samples of the last `held` s.
+    number above 0 for that lane. The thread is needed, because an executor cannot change its own
+    nodes while it runs them. A lane holds the samples of the last `held` s.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class Watch:
         self._thread.start()
 
     def close(self) -> None:
-        """End the thread that looks for lanes."""
+        """Stop the thread that looks for lanes."""
         self._ended.set()
         self._thread.join()
 

@@ -27,7 +27,8 @@ class MassSeries:
     stamps : tuple of int
         Times of the items in ns.
     reference : tuple of float
-        First masses of the series in kg, which determine the limits of the control chart.
+        First masses in kg since the change of product or batch, which determine the limits of the
+        control chart.
     """
 
     product: str = ''
@@ -37,7 +38,7 @@ class MassSeries:
     reference: tuple[float, ...] = ()
 
     def with_item(self, verdict: Verdict) -> 'MassSeries':
-        """Return the series with the verdict of the next item."""
+        """Return the series after the next item. Another product or batch begins a new series."""
         same = (verdict.product, verdict.batch) == (self.product, self.batch)
         before = self if same else MassSeries(verdict.product, verdict.batch)
         if verdict.decision is not Decision.ACCEPT or not math.isfinite(verdict.mass):

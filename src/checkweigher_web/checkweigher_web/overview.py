@@ -34,7 +34,7 @@ _HEADS = (
 
 @dataclass(frozen=True, slots=True)
 class LaneView:
-    """Row of the page of all lanes: namespace and state of a lane, and cells for `_HEADS`."""
+    """Row of the page of all lanes: namespace and level of a lane, and cells for `_HEADS`."""
 
     name: str
     level: Level
@@ -42,14 +42,14 @@ class LaneView:
 
 
 class Overview(Made):
-    """Rows of all lanes, which are made at most once per second for all viewers."""
+    """Rows of all lanes, which are made at most once per second for all viewers of a language."""
 
     def __init__(self, watch: Watch) -> None:
         super().__init__()
         self._watch = watch
 
     def views(self, say: Language = ENGLISH) -> list[LaneView]:
-        """Return a row for each lane that has verdicts or diagnostics, the worst lane first."""
+        """Return a row for each lane with a verdict topic or diagnostics, the worst lane first."""
         return self.each_second(('views', say), lambda: self._views(say))
 
     def only(self) -> str | None:
@@ -100,7 +100,7 @@ def show_overview(lanes: Overview, say: Language) -> None:
 
     def update() -> None:
         if lanes.only() is not None:
-            ui.navigate.reload()  # The same address then shows the page of the only lane.
+            ui.navigate.reload()  # Reloaded, the address shows the page of the only lane.
         shown = lanes.views(say)
         headline.set_text(_headline(shown, say))
         table.show(view.cells for view in shown)

@@ -15,12 +15,12 @@ from checkweigher_web.shift import Shift
 from checkweigher_web.views.registry import VIEWS
 from checkweigher_web.views.view import FAST, SLOW, Look, View
 
-_WHOLE = '--tablet: 2; --desk: 12'  # width of the panel in columns
+_WHOLE = '--tablet: 2; --desk: 12'  # panel width in columns: the whole width of the page
 _PERIOD = 0.5  # period of the updates of the progress in s
 
 
 def show_lane(look: Look) -> Element:
-    """Show the views of a lane to one viewer, keep them up to date, and return their element."""
+    """Show the views of a lane to one viewer, keep them up to date, and return their container."""
     ui.add_css(STYLE)
     live = look.board is not None
     with ui.element('div').classes('board') as board:

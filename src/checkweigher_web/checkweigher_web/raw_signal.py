@@ -14,7 +14,7 @@ from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, LoadCell, Sampl
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """Segment of the raw signal: `time` (n,) in ns, `counts` (n,), and the edges in this time."""
+    """Segment of the raw signal: `time` (n,) in ns, `counts` (n,), and the eye edges within it."""
 
     time: NDArray[np.int64]
     counts: NDArray[np.int32]
@@ -23,7 +23,7 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True)
 class RawSignal:
-    """Samples of a load cell in order of time, and edges in order of arrival."""
+    """Samples of a load cell in order of time, and photo-eye edges in order of arrival."""
 
     load_cell: LoadCell
     blocks: Sequence[SampleBlock]
@@ -51,9 +51,9 @@ class RawSignal:
         return Stretch(time[inside], counts[inside], among)
 
     def empty_belt(self, since: int, until: int) -> NDArray[np.float64]:
-        """Return the longest signal of the empty belt, shape (n,), in kg, minus its mean.
+        """Return the longest segment of the empty belt, shape (n,), in kg, minus its mean.
 
-        The signal is between the stamps `since` and `until` in ns.
+        The segment is between the stamps `since` and `until` in ns. n is 0 if there are no samples.
         """
         blocks = self.between(since, until)
         edges = sorted((e for e in self.edges if e.stamp <= until), key=lambda edge: edge.stamp)
@@ -66,7 +66,7 @@ class RawSignal:
 
 
 def longest_gap(edges: Iterable[EyeEdge], begin: int, end: int) -> tuple[int, int]:
-    """Return the start and end in ns of the longest time without an item on the belt."""
+    """Return the start and end in ns of the longest time with an empty belt."""
     longest, since = (begin, begin), begin
     for edge in edges:
         if edge.eye == Eye.INFEED and edge.blocked:

@@ -77,7 +77,7 @@ def serve(
     Parameters
     ----------
     site : Site
-        Address and users. For port 0, the system chooses a free port.
+        Address, certificate and users. For port 0, the system chooses a free port.
     namespace : str, optional
         Namespace of the only lane to show, by default all lanes.
     keep : Path, optional
@@ -87,7 +87,7 @@ def serve(
 
     Raises
     ------
-    PageError, CertificateError, SettingsError
+    PageError, CertificateError, SettingsError, OutputError
         If the site cannot be served.
     """
     with _listen(site.checked()) as (listener, access, app), ExitStack() as stack:
@@ -110,15 +110,15 @@ def serve_shift(site: Site, shift: Shift, report: Path | None = None) -> None:
     Parameters
     ----------
     site : Site
-        Address and users. For port 0, the system chooses a free port.
+        Address, certificate and users. For port 0, the system chooses a free port.
     shift : Shift
         Shift to show, which is weighed while the page is served.
     report : Path, optional
-        HTML report of the command `evaluate`, to which the page has a link.
+        HTML report of the command `evaluate`, to which the page links.
 
     Raises
     ------
-    PageError, CertificateError, SettingsError
+    PageError, CertificateError, SettingsError, OutputError
         If the site cannot be served.
     """
     with _listen(site.checked()) as (listener, access, app):
@@ -140,7 +140,7 @@ def serve_shift(site: Site, shift: Shift, report: Path | None = None) -> None:
 
 @contextmanager
 def _listen(site: Site) -> Iterator[tuple[socket.socket, Access, FastAPI]]:
-    """Listen at the address of a site, and yield the socket, the access and the application."""
+    """Listen at the address of a site, and yield the socket, its `Access` and the application."""
     with _listener(site) as listener:
         access = Access(replace(site, port=listener.getsockname()[1]))
         app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
@@ -249,7 +249,7 @@ def _run(app: FastAPI, access: Access, listener: socket.socket) -> None:
     )
     bind_events(access)
     log_in_lines()
-    # The process ends unless the event loop calls this function again within `HUNG` s.
+    # The process ends unless the event loop calls `alive` again within `HUNG` s.
     alive = partial(faulthandler.dump_traceback_later, HUNG, exit=True)
     for look in (access.expel, forget_waiting, alive):
         nicegui.timer(_LOOK_PERIOD, look)
@@ -268,7 +268,8 @@ def _run(app: FastAPI, access: Access, listener: socket.socket) -> None:
         ssl_keyfile=site.key,
         ws_max_size=_LARGEST_MESSAGE,
         ws_per_message_deflate=False,  # Compression would take most of the processor time.
-        # Trust X-Forwarded-For only from a reverse proxy. A client could forge its address.
+        # Trust X-Forwarded-For only behind a reverse proxy, because otherwise a client could forge
+        # its address.
         proxy_headers=bool(site.origin),
     )
     uvicorn.Server(config).run(sockets=[listener])
@@ -283,7 +284,7 @@ def main() -> None:
     parser.add_argument('--key', type=Path)
     try:
         serve(Site(**vars(parser.parse_args(remove_ros_args(sys.argv)[1:]))))
-    except KeyboardInterrupt:  # uvicorn raises SIGINT again after a regular end.
+    except KeyboardInterrupt:  # This is a regular end: uvicorn raises SIGINT again.
         pass
     except ValueError as error:
         print(f'checkweigher: {error}', file=sys.stderr)

@@ -34,10 +34,10 @@ from checkweigher_web.lane import ShownItem, Span, is_within, joined, with_windo
 from checkweigher_web.mass_series import MassSeries
 from checkweigher_web.raw_signal import RawSignal
 
-_BELT = 20 * NANOSECONDS  # time in ns before an item that is searched for the empty belt
-_AROUND = NANOSECONDS  # margin in ns around a window, whose stamp is not exact
+_BELT = 20 * NANOSECONDS  # duration in ns of the search for an empty belt before an item
+_AROUND = NANOSECONDS  # margin in ns around a window, because its stamp is not exact
 
-_Cut = tuple[WeighWindow, int]  # window without its samples, and their number
+_Cut = tuple[WeighWindow, int]  # window without its samples, and the number of samples
 
 
 class Shift:
@@ -50,7 +50,7 @@ class Shift:
     series : MassSeries
         Masses of the items that were weighed so far.
     signal : RawSignal
-        Samples, which are on disk, and edges.
+        Samples, which are in files, and edges.
     begin, end, weighed : int
         Stamps in ns of the first sample, of the last block, and of the latest weighed event.
     """
@@ -82,7 +82,7 @@ class Shift:
         for item in joined(self._results(), joiner):
             self._counts.add(item.verdict)
             self.series = self.series.with_item(item.verdict)
-            self._items.append(item)  # The views read without a lock, so this comes last.
+            self._items.append(item)  # Comes last, because the views read without a lock.
         self.is_whole = True
 
     def _results(self) -> Iterator[tuple[Verdict, MassEstimate]]:
@@ -100,7 +100,7 @@ class Shift:
 
     @property
     def progress(self) -> float:
-        """Fraction of the recording that is weighed."""
+        """Fraction of the recording that is weighed, from 0 to 1."""
         return 1.0 if self.is_whole else (self.weighed - self.begin) / (self.end - self.begin + 1)
 
     def _followed(self) -> Iterator[SampleBlock | EyeEdge]:
@@ -119,12 +119,12 @@ class Shift:
         return self._counts.summary()
 
     def items(self, span: Span | None = None) -> list[ShownItem]:
-        """Return all items or those of a span without their signals, the latest item first."""
+        """Return the items, or only those in a span, without their signals, the latest first."""
         found = self._items[::-1]
         return found if span is None else [each for each in found if is_within(each.verdict, span)]
 
     def faults(self, span: Span | None = None) -> list[ShownItem]:
-        """Return the items with the decision FAULT, the latest item first."""
+        """Return those of `items(span)` whose decision is FAULT, the latest item first."""
         return [each for each in self.items(span) if each.verdict.decision == Decision.FAULT]
 
     def history(self) -> History:
@@ -134,12 +134,15 @@ class Shift:
         return history_of(zip(verdicts, zeros, strict=False))
 
     def empty_belt(self, item: ShownItem | None = None) -> NDArray[np.float64]:
-        """Return the longest signal of the empty belt before `item`, shape (n,), in kg."""
+        """Return the longest segment of the empty belt before `item`, shape (n,), minus its mean.
+
+        The segment is in kg. n is 0 if the time of the item is not known or samples are missing.
+        """
         stamp = None if item is None else item.verdict.time
         return np.zeros(0) if stamp is None else self.signal.empty_belt(stamp - _BELT, stamp)
 
     def with_signals(self, item: ShownItem) -> ShownItem:
-        """Return an item with its window, and with raw samples for a fault or without a window."""
+        """Return an item with its window, or with raw samples as `with_window` does."""
         cut = self._cuts[self._items.index(item)]
         window = None if cut is None else self._read(*cut)
         window = None if window is None else self._denoiser.denoise(window)
@@ -166,7 +169,7 @@ class Shift:
 
 
 def _on_disk(blocks: Sequence[SampleBlock]) -> BlockColumns:
-    """Return blocks in temporary files, which the system removes when this process ends."""
+    """Return blocks whose samples are in unnamed files, which are removed when the process ends."""
     columns = BlockColumns.of(blocks)
     return BlockColumns(*(_on_disk_column(getattr(columns, f.name)) for f in fields(columns)))
 

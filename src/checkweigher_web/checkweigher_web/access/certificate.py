@@ -17,7 +17,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from checkweigher_core.whole_file import check_new, write_whole
 
-_VALID = timedelta(days=825)  # longest validity that browsers accept
+_VALID = timedelta(days=825)  # longest validity that all browsers accept for such a certificate
 
 
 class CertificateError(ValueError):
@@ -45,7 +45,7 @@ def make_certificate(names: Sequence[str], certificate: Path, key: Path) -> str:
         .issuer_name(subject)
         .public_key(secret.public_key())
         .serial_number(x509.random_serial_number())
-        .not_valid_before(now - timedelta(hours=1))  # A browser clock may be slow.
+        .not_valid_before(now - timedelta(hours=1))  # The clock of a browser may be slow.
         .not_valid_after(now + _VALID)
         .add_extension(alternatives, critical=False)
         .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
@@ -74,7 +74,8 @@ def check_pair(certificate: Path, key: Path) -> None:
                 status = os.stat(file.fileno())
         except OSError as error:
             raise CertificateError(f'{path}: {error.strerror or error}') from None
-    # If root owns the key, its group may read it, like the group ssl-cert of Debian.
+    # A key that root owns may be readable by its group, such as ssl-cert on Debian, because a page
+    # that does not run as root could not read it otherwise.
     mode = 0o640 if status.st_uid == 0 != os.geteuid() else 0o600
     if status.st_mode & 0o777 & ~mode:
         raise CertificateError(

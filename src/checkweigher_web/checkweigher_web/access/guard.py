@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Guard of the page, which refuses requests without a login or from other web sites."""
+"""Guard of the page, which refuses requests without a login and requests from other sites."""
 
 from collections.abc import Callable
 from functools import partial
@@ -21,8 +21,8 @@ from checkweigher_web.access.throttle import Throttle
 from checkweigher_web.access.users import Role, UserFile, default_users
 
 # The policy allows unsafe-inline and unsafe-eval, because NiceGUI writes scripts and styles into
-# its pages and compiles Vue templates in the browser. It forbids scripts in attributes, and data
-# from and to other sites.
+# its pages and compiles Vue templates in the browser. The policy forbids scripts in attributes of
+# elements, and any exchange of data with other sites.
 _POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; "
     "script-src-attr 'none'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
@@ -37,7 +37,7 @@ PLAIN_POLICY = (
 HEADERS = {
     'X-Content-Type-Options': 'nosniff',
     'X-Frame-Options': 'DENY',
-    # Without a referrer, browsers send forms with `Origin: null`, which `Guard` would refuse.
+    # With `no-referrer`, browsers would send forms with `Origin: null`, which `Guard` refuses.
     'Referrer-Policy': 'same-origin',
     'Cross-Origin-Opener-Policy': 'same-origin',
     'Cross-Origin-Resource-Policy': 'same-origin',
@@ -51,7 +51,7 @@ _UNANSWERED = 'No response returned.'  # message of Starlette after the browser 
 
 
 class Access:
-    """Users and sessions of a site, which determine the role of each page."""
+    """Users and sessions of a site, which determine the role of the viewer of each page."""
 
     def __init__(self, site: Site) -> None:
         self.site = site
@@ -61,13 +61,13 @@ class Access:
         # Browsers send a cookie to all ports of a host, so the cookie name contains the port.
         self.cookie = f'{"__Host-" if site.secure else ""}checkweigher-{site.port}'
         self._first_code = secrets.token_hex(5)
-        self._ended: set[str] = set()  # clients without a session at the last `expel`
+        self._ended: set[str] = set()  # pages without a session at the last `expel`
 
     @property
     def first_code(self) -> str:
         """Code that is required to add the first user, or '' if there are users.
 
-        The code is shown only where the page was started.
+        The code is shown only in the terminal or log in which the page was started.
         """
         return '' if self.users.now() else self._first_code
 
@@ -84,8 +84,9 @@ class Access:
     def expel(self) -> None:
         """Reload and delete the pages whose session had already ended at the previous call.
 
-        At the first call after a logout, the answer to the logout may not have arrived. A page that
-        is reloaded at this time would never receive the answer.
+        At the first call after a logout, the browser may still be waiting for the answer to the
+        logout, which it would not receive if the page were reloaded. The page is therefore reloaded
+        at the second call.
         """
         clients = list(Client.instances.values())
         ended = {client.id for client in clients if client.page.path and not self.role_of(client)}
@@ -106,7 +107,7 @@ def _identifier(client: Client) -> str:
 
 
 class Guard:
-    """ASGI application that passes requests to another application, or refuses the requests.
+    """ASGI application that passes requests on to another application, or refuses them.
 
     Another web site could point its own host name to this machine and let a browser open the page
     under this name, or it could open a socket to the page. Such requests are refused, so that the
@@ -118,7 +119,7 @@ class Guard:
         self._access = access
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer a request, or serve a socket."""
+        """Pass a request or a socket on to the application, or refuse it."""
         if scope['type'] not in ('http', 'websocket'):
             await self._app(scope, receive, send)
             return
@@ -147,13 +148,14 @@ class Guard:
                 raise
 
     def _foreign(self, connection: HTTPConnection, *, reads: bool) -> Response | None:
-        """Return an error response if the host or the origin is another site, otherwise None."""
+        """Return an error response if a request is for or from another site, otherwise None."""
         site, host = self._access.site, connection.headers.get('host', '')
         if not site.serves(host):
             return Response('this page is not served by this name', 421)
         origin = connection.headers.get('origin')
         own = site.origin or f'{"https" if site.secure else "http"}://{host}'
-        # Only a reading request may lack the origin, because browsers send it with all others.
+        # Browsers send the origin with each request that may change something. Therefore only a GET
+        # or HEAD request may lack it.
         if origin != own and not (origin is None and reads):
             return Response('this request comes from another site', 403)
         return None
@@ -171,10 +173,10 @@ class Guard:
 
 
 def _bound(scope: Scope, identifier: str) -> Scope:
-    """Return a scope with the identifier of its session.
+    """Return a copy of the scope of a request, with the identifier of its session.
 
-    If a socket names the page of another session, the page in the scope is replaced by an unknown
-    one. NiceGUI then refuses the socket, and the browser reloads the page.
+    If a socket names the page of another session, the name in the scope is replaced by that of an
+    unknown page. NiceGUI then refuses the socket, and the browser reloads the page.
     """
     scope = {**scope, _SESSION: identifier}
     if scope['path'].startswith(_SOCKET):
@@ -189,11 +191,11 @@ def _bound(scope: Scope, identifier: str) -> Scope:
 def bind_events(access: Access) -> None:
     """Accept the events of a page only from the sockets of this page.
 
-    NiceGUI itself accepts events from any socket that names the page. The event `event` counts as
-    use of the session.
+    NiceGUI itself accepts events from any socket that names the page. Events of the type `event`,
+    such as clicks, count as use of the session.
     """
     handlers = core.sio.handlers['/']
-    del handlers['log']  # With this event, a browser could write to the server log.
+    del handlers['log']  # By this event, a browser could write to the server log.
     for name in ('event', 'javascript_response', 'ack'):
         core.sio.on(name, partial(_handle, name, handlers[name], access))
 
@@ -206,7 +208,10 @@ def _handle(
     message: object = None,
     *_: object,
 ) -> None:
-    """Call the handler of an event if the socket belongs to the page that the message names."""
+    """Call the handler of an event if the socket belongs to the page that the message names.
+
+    The event is ignored if the page must not be shown any more.
+    """
     given = message if isinstance(message, dict) else {}
     client = Client.instances.get(str(given.get('client_id')))
     if client is None or client.id not in core.sio.rooms(socket):

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Limits of the web server for slow requests, lines in the log, and pages without a browser."""
+"""Limits of the web server on slow requests, log lines, and pages without a browser."""
 
 import asyncio
 import logging
@@ -30,13 +30,13 @@ class PromptProtocol(HttpToolsProtocol):
         self._late = self.loop.call_later(REQUEST, transport.close)
 
     def on_message_begin(self) -> None:
-        """Restart the time limit for the rest of a request."""
+        """Restart the time limit when the first bytes of a request arrive."""
         super().on_message_begin()
         self._late.cancel()
         self._late = self.loop.call_later(REQUEST, self.transport.close)
 
     def on_message_complete(self) -> None:
-        """Cancel the time limit."""
+        """Cancel the time limit when a request is complete."""
         super().on_message_complete()
         self._late.cancel()
 
@@ -44,8 +44,8 @@ class PromptProtocol(HttpToolsProtocol):
 class LineHandler(logging.Handler):
     """Log handler that writes each record as one line, and at most one line per second.
 
-    Otherwise, malformed input could fill the log, because the server libraries log it with its
-    line ends and with tracebacks.
+    The server libraries log malformed input with its line ends and with tracebacks. Without this
+    handler, such input could fill the log.
     """
 
     def __init__(self) -> None:
@@ -63,8 +63,9 @@ class LineHandler(logging.Handler):
 
 
 def log_in_lines() -> None:
-    """Write the warnings and errors of all server libraries through a `LineHandler`."""
-    for name in ('engineio.server', 'socketio.server'):  # These loggers have their own handlers.
+    """Send the warnings and errors of all server libraries to a `LineHandler`."""
+    # These loggers have handlers of their own, which would write the records, too.
+    for name in ('engineio.server', 'socketio.server'):
         logging.getLogger(name).handlers.clear()
     logging.basicConfig(handlers=[LineHandler()], force=True)
 
@@ -73,7 +74,7 @@ def forget_waiting() -> None:
     """Delete the pages whose browsers have not opened a socket, except the latest `WAITING` pages.
 
     Each page takes 0.3 MiB. NiceGUI keeps it for a minute, so many requests could exhaust the
-    memory. A browser that opens the socket of a deleted page loads the page again.
+    memory otherwise. A browser that opens the socket of a deleted page loads the page again.
     """
     waiting = [client for client in Client.instances.values() if client.environ is None]
     for client in waiting[:-WAITING]:

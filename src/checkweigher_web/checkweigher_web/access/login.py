@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Login and logout, by two forms that need no script."""
+"""Login and logout by two HTML forms that work without JavaScript."""
 
 import asyncio
 from html import escape
@@ -45,7 +45,7 @@ _NO_USER = Text(
 
 
 def first_user(code: str) -> str:
-    """Return the line that tells the code of the first user."""
+    """Return the line for the terminal with the code that adds the first user."""
     return f'no user yet: log in with the code {code} to make the first one'
 
 
@@ -59,7 +59,7 @@ def logout_form(token: str, say: Language) -> str:
 
 
 def add_login(app: FastAPI, access: Access, style: Path) -> None:
-    """Serve the login, the logout, and the style sheet of the login."""
+    """Add the login, the logout and the style sheet of the login to an application."""
     forms = _Forms(access)
     app.add_api_route(STYLE, lambda: FileResponse(style, media_type='text/css'), methods=['GET'])
     app.add_api_route(LOGIN, forms.show, methods=['GET'])
@@ -68,12 +68,12 @@ def add_login(app: FastAPI, access: Access, style: Path) -> None:
 
 
 class _Forms:
-    """The forms of login and logout."""
+    """Handlers of the login and logout forms."""
 
     def __init__(self, access: Access) -> None:
         self._access = access
         self._log = get_logger('page')
-        self._turn = asyncio.Lock()  # for password checks, which take 0.1 s and 64 MiB each
+        self._turn = asyncio.Lock()  # allows one password check at a time: 0.1 s, 64 MiB
         self._form_cookie = f'{access.cookie}-form'
         self._cookie: dict[str, Any] = {
             'httponly': True,
@@ -88,13 +88,14 @@ class _Forms:
     def form(self, request: Request, said: str, status: int = 200) -> Response:
         """Return the login form with a message and a token.
 
-        The browser must return the token in the form and as a cookie.
+        The browser must return the token in the form and as a cookie, so that no other web site can
+        send the form.
         """
         token = secrets.token_urlsafe(32)
         say = language_of(request.headers, request.cookies)
         text = escape(say('Look without a login'))
         link = f'<p><a href="/">{text}</a></p>'
-        if code := self._access.first_code:  # The terminal may no longer show the first line.
+        if code := self._access.first_code:  # The line from the start may have scrolled away.
             print(f'page: {first_user(code)}', file=sys.stderr, flush=True)
         first = _FIRST.format(text=escape(say(_NO_USER)), code=escape(say('Code')))
         page = _PAGE.format(
@@ -161,7 +162,7 @@ class _Forms:
         return answer
 
     async def _first_user(self, name: str, given: dict[str, str]) -> tuple[User | None, str]:
-        """Return the first user, or None and the reason of the refusal."""
+        """Add and return the first user, or return None and the reason of the refusal."""
         if not _same(given['code'].strip().lower(), self._access.first_code):
             return None, Text('The code is wrong: the page shows it where it was started.')
         path, password = self._access.users.path, given.get('password', '')
@@ -172,7 +173,7 @@ class _Forms:
         return user, ''
 
     async def log_out(self, request: Request) -> Response:
-        """End the session, and show the login form."""
+        """End the session, and redirect to the login form."""
         identifier = request.cookies.get(self._access.cookie, '')
         session, given = self._access.sessions.find(identifier), await _fields(request)
         if session is not None:

@@ -14,7 +14,7 @@ ABSOLUTE = 12 * 3600.0  # maximum duration of a session in s
 
 @dataclass
 class Session:
-    """Session of a user. A logout must contain `token`."""
+    """Session of a user. A logout form must contain `token`."""
 
     user: User
     address: str
@@ -24,9 +24,9 @@ class Session:
 
 
 class Sessions:
-    """Sessions by random identifiers.
+    """Sessions of users, by random identifiers.
 
-    A session ends by logout, after `idle` s without use, or `ABSOLUTE` s after the login. `clock`
+    A session ends at a logout, after `idle` s without use, or `ABSOLUTE` s after the login. `clock`
     returns the time in s.
     """
 
@@ -47,8 +47,8 @@ class Sessions:
     def find(self, identifier: str, *, used: bool = False) -> Session | None:
         """Return the session with an identifier, or None if it has ended or never existed.
 
-        A session also ends if its user is removed or gets another role or password. With `used`,
-        the call counts as use of the session.
+        A session also ends if its user is removed or gets another role or password. If `used`
+        is true, the call counts as use of the session.
         """
         session, now = self._sessions.get(identifier), self._clock()
         if session is None:
@@ -67,5 +67,5 @@ class Sessions:
 
 
 def _rights(user: User | None) -> tuple[Role, str] | None:
-    """Return the role and the password hash, but not the keys, which a signature may change."""
+    """Return the role and the password hash. A signature may change the keys of a user."""
     return (user.role, user.hash) if user else None

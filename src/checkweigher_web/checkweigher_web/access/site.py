@@ -42,7 +42,7 @@ class Site:
 
     @property
     def secure(self) -> bool:
-        """Whether browsers use TLS."""
+        """Whether browsers connect over TLS."""
         return self.certificate is not None or bool(self.origin)
 
     @property
@@ -57,12 +57,13 @@ class Site:
     def serves(self, host: str) -> bool:
         """Return whether the page is served under `host`, a host name with a port.
 
-        On the loopback address, only its own names are served, because another web site could point
-        its host name to this machine. Elsewhere, the TLS certificate protects against this.
+        On the loopback address, only `self.host` and localhost are served, because another web site
+        could point its own name to this machine. On other addresses, the TLS certificate protects
+        against this. Behind a reverse proxy, only the name of the proxy is served.
         """
         if self.origin:
             return host.lower() == urlsplit(self.origin).netloc
-        # The port is not compared, because a tunnel may use another port.
+        # The port is not compared, because an SSH tunnel may use another port.
         return not self.loopback or host.rpartition(':')[0].strip('[]') in (self.host, 'localhost')
 
     def checked(self) -> 'Site':

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Waiting times after failed logins, for accounts and for addresses."""
+"""Waiting times after failed logins, for each account and each address."""
 
 from collections.abc import Callable
 import time
@@ -16,18 +16,18 @@ def keys_of(account: str, address: str) -> tuple[str, str]:
 
 
 class Throttle:
-    """Waiting times after successive failures.
+    """Waiting times after successive failures of a key, which is an account or an address.
 
     The time is 1 s after the third failure, and doubles with each further failure up to 5 min. A
-    key is an account or an address. A login resets the failures of its account and of its address,
-    because all users at the belt share one address. The failures of other accounts still count.
-    Otherwise, a user could guess the passwords of other users from the same address. `clock`
-    returns the time in s.
+    login resets the failures of its account and of its address. It resets the address, too, because
+    all users at the belt share one address. The failures of other accounts still count, because
+    otherwise a user could guess the passwords of other users between own logins. `clock` returns
+    the time in s.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        self._failures: dict[str, tuple[int, float]] = {}  # number, and time of the latest
+        self._failures: dict[str, tuple[int, float]] = {}  # count, and time of the latest in s
 
     def wait(self, *keys: str) -> float:
         """Return the time in s until the next attempt with these keys is allowed."""

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Users of the page, with their names, roles and argon2 hashes of their passwords."""
+"""Users of the page, with their roles and the argon2 hashes of their passwords."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -32,7 +32,7 @@ from checkweigher_validation.batch.signing import Signable, SigningError
 SHORTEST, LONGEST = 8, 128  # minimum and maximum number of characters of a password
 _MODE = 0o600
 _OF_OTHERS = 0o077
-_COST = 3, 65_536, 4  # time, memory in KiB and threads of RFC 9106 for low memory
+_COST = 3, 65_536, 4  # passes, memory in KiB and threads of RFC 9106 for low memory
 _HASHER = PasswordHasher()  # argon2id with the parameters of RFC 9106 for low memory
 
 
@@ -53,12 +53,12 @@ class UsersError(SettingsError):
 
 @dataclass(frozen=True)
 class User(Settings):
-    """A user of the page."""
+    """User of the page."""
 
-    name: str = parameter(text='of the login')
-    role: Role = parameter(text='what the user may do', choices=ROLES)
+    name: str = parameter(text='name for the login')
+    role: Role = parameter(text='role, which sets the allowed actions', choices=ROLES)
     hash: str = parameter(text='argon2 hash of the password')
-    keys: str = parameter('', 'Ed25519 public keys of the signatures so far, hexadecimal')
+    keys: str = parameter('', 'Ed25519 public keys of the user so far, hexadecimal, between spaces')
 
     def __post_init__(self) -> None:
         check_name(self.name)
@@ -74,7 +74,7 @@ class User(Settings):
 
 
 def signing_key(path: Path, user: User, password: str) -> Ed25519PrivateKey:
-    """Return the private key with which a user signs, which is derived from the password.
+    """Derive the private key with which a user signs from the password, and return the key.
 
     A new password gives a new key. The first call for a key adds its public key to the users file.
     """
@@ -102,7 +102,7 @@ def least_role(meaning: str) -> Role:
 
 
 def sign_by(path: Path, user: User, password: str, what: Signable, meaning: str) -> Signature:
-    """Return the signature of a user, who has entered the password again.
+    """Sign a record for a user, who has entered the password again, and return the signature.
 
     Raises `SigningError` if the role is too low, the password is wrong, or another person must
     sign first.
@@ -139,11 +139,11 @@ def hash_password(name: str, password: str) -> str:
     """Return the hash of a new password, or raise `UsersError` if the password is not allowed."""
     if not SHORTEST <= len(password) <= LONGEST:
         raise UsersError(
-            f'the password of {name} has {len(password)}: it must have {SHORTEST} to {LONGEST} '
-            'characters'
+            f'the password of {name} has {len(password)} characters: it must have {SHORTEST} to '
+            f'{LONGEST}'
         )
     if password.casefold() == name.casefold():
-        raise UsersError(f'the password of {name} is the name: choose another one')
+        raise UsersError(f'the password of {name} is the user name: choose another one')
     return _HASHER.hash(unicodedata.normalize('NFC', password))
 
 
@@ -157,7 +157,7 @@ class UsersFile(Settings):
     """Content of the users file."""
 
     format: ClassVar[int] = 2
-    users: Mapping[str, User] | None = parameter(None, 'users by their names')
+    users: Mapping[str, User] | None = parameter(None, 'users by name')
 
 
 def read_users(path: Path) -> dict[str, User]:
@@ -275,7 +275,10 @@ def add_user(path: Path, name: str, role: Role, password: str) -> None:
 
 
 def change_user(path: Path, name: str, *, role: Role | None = None, password: str = '') -> None:
-    """Change the role of a user, or the password if `role` is None. Raises as `add_user`."""
+    """Change the role of a user, or the password if `role` is None.
+
+    Raises the errors of `check_user`, `hash_password` and `write_users`.
+    """
     name = check_user(path, name)
     hashed = hash_password(name, password) if role is None else ''
     with changing_users(path):
@@ -303,7 +306,7 @@ def _users_at(path: Path, *state: int) -> dict[str, User]:
 class UserFile:
     """Users of a file that may change while the page is served.
 
-    If the file cannot be read, there are no users, because they may have been removed.
+    A file that cannot be read counts as a file without users, because they may have been removed.
     """
 
     def __init__(self, path: Path) -> None:
