@@ -1,3 +1,3 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Languages of the page, each in a catalogue ``NAME.po``, and texts in plain words."""
+"""Languages of the page, each with a catalogue ``NAME.po``, and plain texts for messages."""

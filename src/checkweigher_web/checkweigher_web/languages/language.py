@@ -16,11 +16,11 @@ from babel.numbers import get_decimal_symbol
 
 from checkweigher_core.records import GRAMS, local_time
 
-LANGUAGE, UNIT = 'checkweigher-language', 'checkweigher-unit'  # cookies of the user's choice
+LANGUAGE, UNIT = 'checkweigher-language', 'checkweigher-unit'  # cookies for the choice
 FOLDER = Path(__file__).parent  # with a catalogue NAME.po for each language but English
 _SOURCE = 'en_US'
 NAMES = (_SOURCE, *sorted(path.stem for path in FOLDER.glob('*.po')))
-# Units per kg, and the digits after the point that a mass needs beyond those of a mass in g.
+# Number of units in 1 kg, and number of decimals of a mass in addition to those of a mass in g.
 _UNITS = {'g': (GRAMS, 0), 'kg': (1.0, 3), 'lb': (1 / 0.45359237, 3), 'oz': (16 / 0.45359237, 2)}
 UNITS = tuple(_UNITS)
 
@@ -32,8 +32,8 @@ class Mass(float):
 class Text(str):
     """English text that `Language` can translate later, with values for its placeholders.
 
-    The text itself is English and in g, as the audit log needs it. A value may be another `Text`,
-    a `Mass`, an integer, or a name, which is not translated.
+    As a string, it is English with masses in g, because the audit log needs this. A value may be
+    another `Text`, a `Mass`, an integer, or a name, which is not translated.
     """
 
     __slots__ = ('template', 'values')
@@ -50,9 +50,10 @@ class Text(str):
 class Language:
     """Language and unit of mass of a viewer.
 
-    Called with an English text, it returns the translation. `name` is 'en_US' or the name of a
-    catalogue, and `unit` is a key of `UNITS`. `tag` is the language in HTML. `per_kg` is the
-    number of units in 1 kg, and `more_digits` how many digits a mass has beyond those in g.
+    A call with an English text returns its translation. `name` is 'en_US' or the name of a
+    catalogue, and `unit` is one of `UNITS`. `tag` is the language tag for HTML, and `point` is the
+    decimal mark. `per_kg` is the number of units in 1 kg, and `more_digits` is the number of
+    decimals of a mass in addition to those of a mass in g.
     """
 
     def __init__(self, name: str = _SOURCE, unit: str = 'g') -> None:
@@ -70,11 +71,11 @@ class Language:
         return self.filled(self._texts.gettext(text) if text else '', values)
 
     def plural(self, one: str, many: str, count: int, /, **values: object) -> str:
-        """Return the translation of a text with the placeholder `count`, by its plural form."""
+        """Return the translation of `one`, or of `many` unless `count` is 1, with its values."""
         return self.filled(self._texts.ngettext(one, many, count), {'count': count, **values})
 
     def filled(self, template: str, values: Mapping[str, object]) -> str:
-        """Return a translated template with its values."""
+        """Return a template with its placeholders replaced by the values in this language."""
         return (
             template.format(**{k: self._value(v) for k, v in values.items()})
             if values
@@ -92,22 +93,25 @@ class Language:
         return not text or translated or self.name == _SOURCE
 
     def number(self, value: float, digits: int, unit: str = '', sign: str = '') -> str:
-        """Return the text for a number with its unit, or a dash for NaN. `sign` '+' adds a plus."""
+        """Return the text for a number and its unit, or a dash if it is not finite.
+
+        If `sign` is '+', positive numbers have a plus sign.
+        """
         if not math.isfinite(value):
             return '–'
         shown = round(value, digits) + 0.0  # Adding zero turns -0.0 into 0.0.
         return f'{shown:{sign}.{digits}f}'.replace('.', self.point) + unit
 
     def entry(self, value: float) -> str:
-        """Return the shortest text for a number with 9 significant digits, as in a field."""
+        """Return the shortest text for a number with up to 9 significant digits, for an input."""
         return f'{value:.9g}'.replace('.', self.point)
 
     def amount(self, mass: float, digits: int = 3, sign: str = '') -> str:
-        """Return the text for a mass in kg without unit. The digits are those of a mass in g."""
+        """Return the text for a mass in kg, without unit. `digits` counts the decimals in g."""
         return self.number(self.per_kg * mass, digits + self.more_digits, sign=sign)
 
     def mass(self, mass: float, digits: int = 3, sign: str = '') -> str:
-        """Return the text for a mass in kg with unit. The digits are those of a mass in g."""
+        """Return the text for a mass in kg, with unit. `digits` counts the decimals in g."""
         return self.number(self.per_kg * mass, digits + self.more_digits, f' {self.unit}', sign)
 
     def short(self, mass: float) -> str:
@@ -123,14 +127,14 @@ class Language:
 
 @cache
 def language(name: str = _SOURCE, unit: str = 'g') -> Language:
-    """Return a language. All viewers with the same choice share one object, as a key of caches."""
+    """Return a language. All viewers with the same choice share it, because it is a cache key."""
     return Language(name, unit)
 
 
 def language_of(headers: Mapping[str, str], cookies: Mapping[str, str]) -> Language:
     """Return the language and unit that a user has chosen, by default the browser's language and g.
 
-    `headers` and `cookies` are those of the request.
+    `headers` and `cookies` are those of the request of the browser.
     """
     name, unit = cookies.get(LANGUAGE, ''), cookies.get(UNIT, '')
     if name not in NAMES:
@@ -139,7 +143,7 @@ def language_of(headers: Mapping[str, str], cookies: Mapping[str, str]) -> Langu
 
 
 def _accepted(header: str) -> str:
-    """Return the first language of an Accept-Language header for which there is a catalogue."""
+    """Return the first language of an Accept-Language header that the page has, or English."""
     tags = [each.partition(';')[0].strip() for each in header[:200].split(',')]
     by_family = {name.partition('_')[0]: name for name in NAMES}
     found = negotiate_locale([tag.partition('-')[0] for tag in tags], by_family)
@@ -147,7 +151,7 @@ def _accepted(header: str) -> str:
 
 
 def own_name(name: str) -> str:
-    """Return the name of a language in this language."""
+    """Return the name of a language in the language itself."""
     return str(Locale.parse(name).get_language_name(name)).capitalize()
 
 

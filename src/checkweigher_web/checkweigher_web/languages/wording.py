@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Texts for the messages of nodes."""
+"""Translations of the messages of nodes, and instructions that replace messages."""
 
 import re
 
@@ -51,7 +51,7 @@ _TEXTS = {
 }
 
 
-# Messages that can be translated. A mass is in kg in a message.
+# Messages of nodes that can be translated. The nodes write masses in kg.
 _MESSAGES = (
     Text('zeroed at {mass} from the zero of calibration'),
     Text('{count} alarms acknowledged'),
@@ -97,9 +97,9 @@ def in_grams(text: str) -> str:
 
 
 def in_words(text: str) -> str:
-    """Return the instruction of the page for a message, otherwise the message as `from_node` does.
+    """Return the instruction for a message if there is one, otherwise the result of `from_node`.
 
-    An unknown message is returned with its masses in g instead of kg.
+    A message without an instruction or a translation is returned with its masses in g.
     """
     known = (words for pattern, words in _TEXTS.items() if re.search(pattern, text))
     found = next(known, from_node(text))

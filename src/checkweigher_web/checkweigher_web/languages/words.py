@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Texts for verdicts, their reasons, and roles."""
+"""Texts for verdicts and their reasons."""
 
 from checkweigher_core.records import Verdict
 from checkweigher_core.records.reasons import hint_of

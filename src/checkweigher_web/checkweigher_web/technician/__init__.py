@@ -1,3 +1,3 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Recipes, users and simulated machine, which a technician changes on the page."""
+"""Recipes, users and settings of a simulated machine, which a technician can change."""

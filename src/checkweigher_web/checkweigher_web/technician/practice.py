@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""View of a simulated machine, in which a technician causes faults and practises finding them."""
+"""View of a simulated machine, on which a technician causes faults and practises to find them."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -30,8 +30,8 @@ _TEXT = Text(
     'back, or until the driver is started again. An empty field is as configured.'
 )
 _FARTHEST = 60  # largest displacement of an eye in mm
-# Fields for numbers: parameter, label, unit, and factor from the parameter to the unit, or '' and 0
-# for masses, which are in the unit of the user.
+# Fields for numbers: parameter, label, unit, and factor from the parameter to the unit. The unit ''
+# and the factor 0 stand for masses, which are in the unit of the user.
 _NUMBERS = (
     ('speed', Text('Belt speed'), 'm/min', _PER_MINUTE),
     ('mass', Text('Mass of each product'), '', 0.0),
@@ -43,7 +43,7 @@ _EYES = {'infeed': Text('Infeed eye'), 'outfeed': Text('Outfeed eye')}
 
 
 class Practice:
-    """Access of a technician to the settings of a simulated machine."""
+    """Settings of a simulated machine, which a technician can read and change."""
 
     def __init__(self, desk: Desk) -> None:
         self._desk = desk
@@ -64,7 +64,7 @@ class Practice:
 
 
 class PracticeView(View):
-    """Simulated machine from above, for technicians. The view is hidden for a real machine."""
+    """View of a simulated machine from above, for technicians. It is hidden for a real machine."""
 
     title = Text('Practice: the simulated machine from above')
     columns = 2, 12
@@ -99,8 +99,8 @@ class PracticeView(View):
         return given
 
     def update(self) -> None:
-        """Show the settings again after each start of the driver, which resets them."""
-        # A driver that starts again publishes a new load cell.
+        """Read the settings again after each start of the driver, because the start resets them."""
+        # A new record of the load cell shows that the driver has started.
         if self.lane.load_cell is not self._cell:
             self._cell = self.lane.load_cell
             self._show()
@@ -155,7 +155,7 @@ class PracticeView(View):
         await self._change(**OperationParameters(put=self._now.put).as_mapping())
 
     async def _change(self, **values: Any) -> None:
-        """Set the values that differ from the present settings."""
+        """Send the values that differ from the present settings to the driver."""
         new = {name: value for name, value in values.items() if value != getattr(self._now, name)}
         if not new or self.look.practice is None:
             return
@@ -165,7 +165,7 @@ class PracticeView(View):
             outcome = Outcome(False, str(error))
         else:
             outcome = await self.look.practice.set(**new)
-        if outcome.done:  # `_now` may have changed meanwhile.
+        if outcome.done:  # Read `_now` again, because it may have changed meanwhile.
             self._show_settings(replace(self._now, **{**new, 'kill': False}))
         self._tell(outcome)
 
@@ -174,7 +174,7 @@ class PracticeView(View):
 
 
 class _EyeControls:
-    """Controls of the place, the lens and the cable of a photo-eye."""
+    """Controls for the position, the lens and the cable of a photo-eye."""
 
     def __init__(self, name: str, change: Callable[..., Any], say: Language) -> None:
         eye = say(_EYES[name])
@@ -213,11 +213,11 @@ def is_simulated(lane: Lane | Shift) -> bool:
 # Sizes of the picture in px. The belts are infeed, weigh and outfeed belt from left to right.
 _WIDTH, _HEIGHT, _BEGIN, _END, _TOP, _BOTTOM = 480, 188, 170, 310, 74, 134
 _PRODUCT, _USUAL_GAP, _WIDEST_GAP = 40, 60, 300
-_SCALE = 1000.0  # px per m of a gap or of the displacement of an eye, which are enlarged
+_SCALE = 1000.0  # px per m for gaps and displacements of eyes, which are drawn enlarged
 
 
 def picture(now: OperationParameters, say: Language = ENGLISH) -> str:
-    """Return the line from above as SVG, with the products, load and eyes of the settings."""
+    """Return a picture of the line from above as SVG: its products, the load, and its eyes."""
     parts = [
         _box(begin, _TOP, end - begin - 4, _BOTTOM - _TOP, kind)
         for begin, end, kind in (

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Dialog with the recipes of a lane, which a technician edits, adds, removes and exchanges."""
+"""Dialog in which a technician changes, adds, removes, imports and exports recipes."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -42,7 +42,7 @@ _TEXT = Text(
 )
 _REMOVE = Text('The recipe leaves the file. A product that is on the line stays there.')
 _IMPORT = Text('All recipes are replaced by those of the chosen file: {names}.')
-_LARGEST = 256 * 1024  # maximum number of characters of a recipe file from a browser
+_LARGEST = 256 * 1024  # number of bytes that the page reads of a recipe file from a browser
 _MM, _PERCENT, _PER_MINUTE = 1000.0, 100.0, 60.0
 
 
@@ -50,8 +50,9 @@ _MM, _PERCENT, _PER_MINUTE = 1000.0, 100.0, 60.0
 class _Entry:
     """Field of the form: its key in a recipe, label, unit, and place in a list.
 
-    A number in the form is `factor` times the number in the recipe. A mass is in the unit of the
-    user, and its `unit` is ''.
+    A number in the form is `factor` times the number in the recipe. For a mass, which is in the
+    unit of the user, `unit` is '' and `factor` is 0. If the value of the key is a list, `place` is
+    the index of the number in the list.
     """
 
     key: str
@@ -100,7 +101,7 @@ async def recipes(desk: Desk, services: LaneServices) -> None:
 
 
 class RecipesDialog(Dialog):
-    """Dialog with a table of recipes, and a form for the chosen one."""
+    """Dialog with a list of recipes, and a form for the chosen recipe."""
 
     def __init__(self, desk: Desk, path: Path) -> None:
         super().__init__(Text('Recipes'), desk.say, wide=True)
@@ -163,7 +164,7 @@ class RecipesDialog(Dialog):
         self._list.choose(name)
 
     def _keys(self) -> Keys:
-        """Return the keys of the recipe in the form, or raise `ActionRefusedError`."""
+        """Return the recipe in the form, or raise `ActionRefusedError` if a field is not valid."""
         keys: Keys = {}
         for entry, given in self._fields.items():
             _put(keys, entry, entry.value(given, self.say))
@@ -174,7 +175,7 @@ class RecipesDialog(Dialog):
         try:
             with opened(str(self._more.value or '{}')) as more:
                 if not isinstance(more, dict) or _OWN & more.keys():
-                    raise SettingsError('write "key: value" lines of keys without a field')
+                    raise SettingsError('write lines "key: value" of keys without a field')
                 return keys | more
         except SettingsError as error:
             raise ActionRefusedError(Text('Further keys: {error}', error=str(error))) from None
@@ -240,7 +241,7 @@ def _put(keys: Keys, entry: _Entry, value: float | str | None) -> None:
 
 
 def row(name: str, keys: Keys, say: Language = ENGLISH) -> list[str]:
-    """Return the row of a recipe for `ItemList`: key, name, no decision, and further cells."""
+    """Return the row of a recipe for `ItemList`: key, name, empty decision, and further cells."""
     text = {entry: entry.text(keys, say) for entry in _ENTRIES}
     nominal, _, lower, upper, guard, *ranges = _ENTRIES
     limits = f'{text[lower] or "–"} … {text[upper] or "–"}' if text[lower] or text[upper] else ''
@@ -261,7 +262,7 @@ def _pairs(ranges: list[_Entry]) -> list[tuple[_Entry, _Entry]]:
 
 
 def changes(old: Keys | None, new: Keys) -> str:
-    """Return the changes of a recipe as one line, for the audit log."""
+    """Return the changes of a recipe as one line for the audit log."""
     before, after = flatten(old or {}), flatten(new)
     changed = (
         f'{key} {before.get(key, "–")} → {after.get(key, "–")}'

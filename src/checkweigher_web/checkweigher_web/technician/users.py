@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Dialog with the users of the page, whom a technician adds, changes and removes."""
+"""Dialog in which a technician adds, changes and removes users of the page."""
 
 from collections.abc import Callable
 from functools import partial
@@ -30,7 +30,7 @@ async def users(desk: Desk, services: LaneServices) -> None:
 
 
 class UsersDialog(Dialog):
-    """Dialog with a list of users, and a form to add or change one."""
+    """Dialog with a list of users, and a form to add, change or remove a user."""
 
     def __init__(self, desk: Desk) -> None:
         super().__init__(Text('Users'), desk.say)
@@ -56,7 +56,7 @@ class UsersDialog(Dialog):
         self.button(Text('Add'), self._add)
 
     def show(self) -> None:
-        """Show the present users."""
+        """Read the users file, and show its users."""
         known = self._desk.users.now().values()
         rows = [[user.name, user.name, '', self.say(user.role.name.lower())] for user in known]
         self._list.show_text(json.dumps(rows))

@@ -62,7 +62,7 @@ async def recipe_file(services: LaneServices) -> Path:
 
 
 async def change_file(change: Callable[[], None], said: Text) -> Text:
-    """Change a file in a thread, and return the text on that.
+    """Call `change`, which changes a file, in a thread, and return the text `said`.
 
     Raises `ActionRefusedError` if `change` raises `ParameterError` or `OutputError`.
     """
@@ -90,7 +90,7 @@ async def new_batch(services: LaneServices, name: str) -> str:
 
 
 async def zero(services: LaneServices) -> str:
-    """Set the zero to the next empty belt."""
+    """Set the zero when the belt is empty and at rest, and return a text for the user."""
     try:
         return in_words(await services.message(ports.ZERO)) or Text('the zero is set')
     except ActionRefusedError as error:
@@ -116,7 +116,7 @@ async def stop(services: LaneServices) -> str:
 
 
 async def start(services: LaneServices) -> str:
-    """Start weighing by activating the nodes `reject` and `driver`, configured first if needed."""
+    """Start weighing: configure the nodes `reject` and `driver` if needed, and activate them."""
     for node in _MANAGED:
         for _ in _STEPS:
             state = (await services.call(f'{node}/get_state')).current_state.id
@@ -130,7 +130,7 @@ async def _change(services: LaneServices, node: str, step: int) -> None:
 
 
 def limits(services: LaneServices) -> MassLimits:
-    """Return the present limits of a lane."""
+    """Return the present limits of a lane, or raise `ActionRefusedError` if they are unknown."""
     in_use = _in_use(services)
     return MassLimits(in_use.lower_limit, in_use.upper_limit)
 
@@ -142,8 +142,8 @@ def _in_use(services: LaneServices) -> ProductOnLine:
 
 
 async def set_limits(services: LaneServices, wanted: MassLimits) -> str:
-    """Set both limits, or neither."""
-    if wanted.lower > wanted.upper:  # The node would refuse this with a message in kg.
+    """Set both limits. If they are refused, neither is changed."""
+    if wanted.lower > wanted.upper:  # Refused here, because the node would give masses in kg.
         text = Text(
             'the lower limit, {lower}, is above the upper one, {upper}',
             lower=Mass(wanted.lower),
@@ -205,7 +205,7 @@ async def audit_log(services: LaneServices) -> Path:
 
 
 async def _path(services: LaneServices, name: str, missing: Text) -> Path:
-    """Return a path in a parameter of the node `product`, or raise `ActionRefusedError`."""
+    """Return the path in a parameter of `product`, or raise `ActionRefusedError` if it is empty."""
     (path,) = await _parameters(services, 'product', name)
     if not path:
         raise ActionRefusedError(missing)

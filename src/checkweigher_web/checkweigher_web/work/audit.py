@@ -23,7 +23,7 @@ async def audit_log(desk: Desk, services: LaneServices) -> None:
 
 
 class AuditDialog(Dialog):
-    """Dialog that shows an audit log."""
+    """Dialog that shows an audit log and its seals."""
 
     def __init__(self, desk: Desk, log: Path) -> None:
         super().__init__(Text('Audit log'), desk.say, wide=True)
@@ -41,7 +41,7 @@ class AuditDialog(Dialog):
         self.button(Text('Read again'), self.update)
 
     async def update(self) -> None:
-        """Read the log, and read it again if the filter has changed meanwhile."""
+        """Read and show the log, and repeat this if the filter has changed meanwhile."""
         if self._reading:
             return
         if self._desk.role < Role.OPERATOR:

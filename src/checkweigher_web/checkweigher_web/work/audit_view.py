@@ -30,18 +30,18 @@ _LONGEST = 200  # maximum number of characters of a name or a value
 
 @dataclass(frozen=True, slots=True)
 class AuditView:
-    """Texts of the page on an audit log."""
+    """Texts about an audit log that the page shows."""
 
     whole: bool
     conclusion: str  # conclusion of the command `audit`, or the reason why the log cannot be read
     seals_hold: bool | None = None  # None if the seals were not verified
     seals: str = ''  # state of the seals, or '' if the conclusion contains it
-    count: str = ''  # text on the number of entries
+    count: str = ''  # number of entries, as text
     rows: tuple[tuple[str, ...], ...] = ()  # a row per entry with the cells of HEADS, newest first
 
 
 class Auditor:
-    """Reader of audit logs, whose seals are verified by the public key `trust`.
+    """Reader of audit logs, which verifies their seals with the public key `trust`.
 
     One log is read at a time, because a large log takes seconds and much memory.
     """
@@ -51,7 +51,7 @@ class Auditor:
         self._turn = asyncio.Lock()
 
     async def read(self, log: Path, wanted: str) -> AuditView:
-        """Return the texts of the page on a log, with entries as in `view_of`."""
+        """Return the texts about a log as `view_of` does, or the reason why it cannot be read."""
         async with self._turn:
             try:
                 return await asyncio.to_thread(view_of, log, self._trust, wanted)
@@ -60,7 +60,7 @@ class Auditor:
 
 
 def view_of(log: Path, key: Ed25519PublicKey | None, wanted: str = '') -> AuditView:
-    """Return the texts of the page on an audit log, or raise `AuditError` if it cannot be read.
+    """Return the texts about an audit log, or raise `AuditError` if it cannot be read.
 
     Parameters
     ----------
@@ -69,7 +69,8 @@ def view_of(log: Path, key: Ed25519PublicKey | None, wanted: str = '') -> AuditV
     key : Ed25519PublicKey or None
         Public key of the seals. If it is None, the seals are not verified.
     wanted : str, optional
-        Filter. Only entries are shown that contain this text in their row or the name of the node.
+        Filter. An entry is shown if its row or the name of its node contains this text, in upper or
+        lower case.
     """
     found, hold, seals = _sealed(log, read_log(log), key)
     sought = wanted.strip().casefold()
@@ -91,7 +92,10 @@ def view_of(log: Path, key: Ed25519PublicKey | None, wanted: str = '') -> AuditV
 def _sealed(
     log: Path, found: Verification, key: Ed25519PublicKey | None
 ) -> tuple[Verification, bool | None, str]:
-    """Return a log after a check of its seals, whether all seals are valid, and a text."""
+    """Check the seals of a log, and return the log, whether the seals are valid, and a text.
+
+    The second value is None if the seals were not verified.
+    """
     path, command = seals_path(log), f'./checkweigher audit {quote(str(log))} --trust PUBLIC'
     if not found.whole:  # Seals can be verified only for an unbroken chain.
         return found, None, ''

@@ -38,7 +38,7 @@ _Begin = Callable[[Desk, LaneServices], Awaitable[None]]
 
 
 def work_of(desk: Desk) -> dict[str, Callable[[], Awaitable[None]]]:
-    """Return functions that open the dialogs that the role of the user allows, by English label."""
+    """Return the functions that open the dialogs which the user may open, by English label."""
     return {
         label: partial(_open, desk, label, role, begin)
         for label, role, begin in _ACTIONS
@@ -47,14 +47,14 @@ def work_of(desk: Desk) -> dict[str, Callable[[], Awaitable[None]]]:
 
 
 def work_bar(look: Look) -> None:
-    """Show a button for each main action, with Start or Stop depending on the lane."""
+    """Show a button for each main action. The lane determines whether Start or Stop is shown."""
     with named(ui.element('nav').classes('work'), look.say('Work on the machine')):
         buttons = {each: ui.button(look.say(each), on_click=look.work[each]) for each in _MAIN}
     for button in buttons.values():
         button.props('outline')
 
     def update() -> None:
-        stands = standstill(look.nodes())  # A silent or unknown lane shows both.
+        stands = standstill(look.nodes())  # Both buttons are shown if the state is not known.
         buttons['Start'].set_visibility(bool(stands))
         buttons['Stop'].set_visibility(stands not in ENDED.values())
 
@@ -172,8 +172,8 @@ async def _show_practice(desk: Desk, services: LaneServices) -> None:
 
 
 _KEEP, _NEW_BATCH, _PRACTICE = Text('Keep item'), Text('New batch'), Text('Practice')
-_MAIN = 'Start', 'Stop', 'Product', 'New batch', 'Zero'  # others are in the menu
-# Label, lowest role and function of each dialog. A new dialog is a function and a row here.
+_MAIN = 'Start', 'Stop', 'Product', 'New batch', 'Zero'  # with buttons; others are in the menu
+# Label, lowest role and function of each dialog. To add a dialog, add a function and a row here.
 _ACTIONS: tuple[tuple[Text, Role, _Begin], ...] = (
     (Text('Product'), Role.OPERATOR, _product),
     (_NEW_BATCH, Role.OPERATOR, _batch),

@@ -25,8 +25,8 @@ from checkweigher_web.work.audit_view import Auditor
 from checkweigher_web.work.services import ActionRefusedError, LaneServices, Outcome, Person
 
 _NUMBER = re.compile(r'[-+]?([0-9]+([.,][0-9]*)?|[.,][0-9]+)(e[-+]?[0-9]+)?', re.IGNORECASE)
-# Numbers in which a comma or point may be a thousands separator or a decimal mark. It is a decimal
-# mark if it is the one of the user's language.
+# Numbers in which the comma or point may be a thousands separator or a decimal mark. Such a number
+# is accepted only if this character is the decimal mark of the user's language.
 _THOUSANDS = re.compile(r'[-+]?[1-9][0-9]{0,2}([.,])[0-9]{3}')
 Action = Callable[[], Awaitable[str]]
 
@@ -63,7 +63,7 @@ class Desk:
 
     @property
     def role(self) -> Role:
-        """Present role of the user, which is VIEWER after the end of the session."""
+        """Present role of the user, or VIEWER after the end of the session."""
         return self._access.role_of(self._client) or Role.VIEWER
 
     @property
@@ -84,7 +84,10 @@ class Desk:
         return services
 
     async def perform(self, role: Role, what: str, action: Action, reason: str) -> Outcome:
-        """Perform an action with audit log entries if the role of the user allows it."""
+        """Perform an action if the user has at least `role`, and write entries to the audit log.
+
+        `what` is the name of the action in the audit log, and `reason` is the user's reason.
+        """
         session = self._access.session_of(self._client)
         if session is None or session.user.role < role:
             return Outcome(False, _NEEDS_LOGIN[role])
@@ -98,10 +101,10 @@ class Desk:
         return outcome
 
     async def sign(self, what: Signable, meaning: str, password: str) -> Signature:
-        """Return the signature of the user, who has entered the password again.
+        """Sign a record for the user, who has entered the password again.
 
-        Raises `ActionRefusedError` if the user may not sign. After wrong passwords, the user must
-        wait as at the login.
+        Returns the signature. Raises `ActionRefusedError` if the user may not sign. After wrong
+        passwords, the user must wait, as after failed logins.
         """
         session, throttle = self._access.session_of(self._client), self._access.throttle
         if session is None:
@@ -172,7 +175,7 @@ class Dialog:
 
 
 def show_outcome(label: ui.label, outcome: Outcome, say: Language) -> None:
-    """Show the outcome of an action in a label, after a mark whether it was done."""
+    """Show the outcome of an action in a label, after a tick if it was done, otherwise a cross."""
     show_told(label, from_node(outcome.text), say)
     text = label.text
     label.set_text(f'✓ {text}' if outcome.done else say('✗ not done: {text}', text=text))
@@ -180,21 +183,22 @@ def show_outcome(label: ui.label, outcome: Outcome, say: Language) -> None:
 
 
 def reason_field(desk: Desk) -> ui.input:
-    """Add a field for the reason of an action."""
+    """Add a field for the reason of an action, and return it."""
     return field(desk.say('Reason') if desk.needs_reason else desk.say('Reason (may be empty)'))
 
 
 def field(label: str, value: str = '', unit: str = '') -> ui.input:
-    """Add a field for a text or a number."""
+    """Add a field for a text or for a number with a unit, and return it."""
     found = ui.input(label, value=value).props('outlined dense maxlength=200')
-    # The browser shows the unit of an empty field only if its label stands above the text.
+    # With `stack-label`, the label is above the text, so that an empty field shows its unit, too.
     return found.props(f'suffix="{unit}" stack-label') if unit else found
 
 
 def number_in(given: ui.input, say: Language, *, empty: float | None = None) -> float:
     """Return the number in a field, or `empty` if the field is empty.
 
-    Raises `ActionRefusedError` if the number is missing or ambiguous in the language of the user.
+    Raises `ActionRefusedError` if the text is missing, not a number, or ambiguous in the language
+    of the user.
     """
     text = str(given.value or '').strip()
     if not text and empty is not None:
@@ -218,7 +222,10 @@ def number_in(given: ui.input, say: Language, *, empty: float | None = None) -> 
 
 
 def mass_in(given: ui.input, say: Language, *, empty: float | None = None) -> float:
-    """Return the mass in kg in a field for the unit of the user. See `number_in`."""
+    """Return the mass in kg from a field in the unit of the user.
+
+    `empty` is in the unit of the user, too. Raises `ActionRefusedError` as `number_in` does.
+    """
     return round(number_in(given, say, empty=empty) / say.per_kg, 9)
 
 
@@ -233,10 +240,10 @@ def ask(
 ) -> Element:
     """Open a dialog that asks for confirmation of an action, and return the body of the dialog.
 
-    `title`, `text` and `verb` are English texts. Each function in `fields` adds a field and returns
-    its element. The function `plan` gets these elements. `plan` returns the name of the action in
-    the audit log and the action, or raises `ActionRefusedError` if a field is not valid. `role` is
-    the lowest role that may confirm.
+    `title`, `text`, and the label `verb` of the button are English texts. Each function in `fields`
+    adds a field and returns its element. `plan` is called with these elements when the user
+    confirms. It returns the name of the action in the audit log and the action, or raises
+    `ActionRefusedError` if a field is not valid. `role` is the lowest role that may confirm.
     """
     dialog = Dialog(title, desk.say, Text('Cancel'))
     with dialog.body:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Writer of small bags, each with one item of a running line."""
+"""Writer of small bags, each of which contains one item of a running line."""
 
 import asyncio
 from datetime import UTC, datetime
@@ -16,12 +16,12 @@ from checkweigher_web.lane import ShownItem
 from checkweigher_web.languages.language import Mass, Text
 from checkweigher_web.work.services import ActionRefusedError
 
-HELD = 120.0  # duration in s of the samples that the page holds for users who keep an item
+HELD = 120.0  # duration in s of the samples that a lane holds if users may keep items
 _ELSE = Text('record the line, and cut the item out with checkweigher keep')
 
 
 class Keeper:
-    """Writer of items to a folder, which weighs each item again and writes one at a time."""
+    """Writer of items to a folder, which weighs each item again. It writes one item at a time."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -32,9 +32,10 @@ class Keeper:
     ) -> str:
         """Write an item with the samples on which its mass depends, and return a text on the bag.
 
-        The recording contains the samples and edges on the page, or is None without samples.
-        `parameters` are the present parameters of the lane. Raises `ActionRefusedError` if the
-        item cannot be weighed from the recording, or if the bag cannot be written.
+        `recording` contains the samples and edges that the page holds, or is None if the page holds
+        no samples. `parameters` are the present parameters of the lane. Raises `ActionRefusedError`
+        if the item has another result when it is weighed from the recording, or if the bag cannot
+        be written.
         """
         async with self._turn:
             return await asyncio.to_thread(self._keep, lane, recording, parameters, item)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Dialog of the performance test, with the error of each pass of the test product."""
+"""Dialog of the performance test, which shows the error of each pass of the test product."""
 
 import math
 
@@ -43,7 +43,7 @@ async def performance_test(desk: Desk, services: LaneServices) -> None:
 
 
 def text_of(test: PerformanceTest | None, say: Language = ENGLISH) -> str:
-    """Return the state of the test as one line of text."""
+    """Return the state of the performance test as one line of text."""
     if test is None:
         return say('Nothing is known of a performance test: no product is selected')
     text = say(_STATES[test.state])

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Links to the reports on batches and verifications."""
+"""Reports on batches and verifications: their addresses, and lists of links to them."""
 
 import asyncio
 from collections.abc import Iterable
@@ -24,7 +24,7 @@ _KINDS = {'html': 'text/html; charset=utf-8', 'json': 'application/json'}
 
 
 def add_reports(app: FastAPI, workshop: Workshop, policy: str) -> None:
-    """Serve the reports of the lanes in `workshop`, with a content policy for browsers."""
+    """Serve the reports of the lanes in `workshop` with the content security policy `policy`."""
 
     @app.get('/reports/{kind}/{name}.{ending}')
     async def answer(kind: str, name: str, ending: str, lane: str = '') -> Response:
@@ -46,14 +46,14 @@ def _file(services: LaneServices, kind: str, name: str, ending: str) -> Path | N
     if kind == BATCH and services.batch_folder is not None:
         beside = services.batch_folder / f'{name}{SUFFIX}'
         return services.batch_folder / f'{name}.{ending}' if beside.is_file() else None
-    # The name of a verification is the name of a folder, and '..' is the parent folder.
+    # The name of a verification is the name of its folder. Refuse '..', which is the parent folder.
     if kind == VERIFICATION and services.verification is not None and name not in ('.', '..'):
         return Path(services.verification.folder) / VERIFICATIONS / name / f'report.{ending}'
     return None
 
 
 def list_reports(lane: str, kind: str, reports: Iterable[tuple[str, str]]) -> None:
-    """Show links to reports, which are given as names in the address and texts."""
+    """Show links to reports, each of which is given as its name in the address and its text."""
     for name, text in reports:
         with ui.element('li'):
             ui.label(f'{text}: ')
@@ -69,7 +69,7 @@ def latest_records(folder: Path) -> list[Path]:
 
 
 async def batch_reports(desk: Desk, services: LaneServices) -> None:
-    """Show links to the reports on the batches of a lane, the latest first."""
+    """Show links to the latest `_MANY` batch reports of a lane, the latest first."""
     services.batch_folder = folder = await actions.batch_folder(services)
     records = [each for each in latest_records(folder) if each.with_suffix('.html').is_file()]
     dialog = Dialog(Text('Batch reports'), desk.say)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Clients of the services and actions of a lane, with audit log entries for their users."""
+"""Clients of the services and actions of a lane, which write users to the audit log."""
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping, Sequence
@@ -40,7 +40,7 @@ from checkweigher_core.ros.spinner import Spinner
 from checkweigher_web.languages.language import Text
 
 _DISCOVERY = 3.0  # maximum time in s until a service is discovered
-_PATIENCE = 120.0  # maximum time in s until an answer, which may wait until a load is at rest
+_PATIENCE = 120.0  # maximum time in s until an answer; some nodes wait until a load is at rest
 _LOOK_PERIOD = 1.0  # s
 
 # Type of each service and the node that serves it, by the name of the service in the lane.
@@ -94,18 +94,18 @@ class Person:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Outcome of an action, with a text for the user, which is English if it is not a `Text`."""
+    """Outcome of an action, and a text for the user. If it is not a `Text`, it is English."""
 
     done: bool
     text: str
 
 
 class LoadRead(NamedTuple):
-    """Reading of a load at rest and its standard uncertainty in kg, by the previous calibration."""
+    """Reading of a load at rest, converted to a mass with the previous calibration."""
 
     load: Text  # text on the load for the user
-    mass: float
-    uncertainty: float
+    mass: float  # kg
+    uncertainty: float  # standard uncertainty of the reading in kg
 
 
 # User who performs an action in the running task, and the reason of the action.
@@ -113,20 +113,21 @@ ACTING: ContextVar[tuple[Person, str] | None] = ContextVar('acting', default=Non
 
 
 class LaneServices(PortNode):
-    """Clients of the services of a lane, for the page thread.
+    """Clients of the services and actions of a lane. Only the page thread may use them.
 
     Attributes
     ----------
     feedback : dict of str to message
-        Latest feedback of each running action that the page has begun.
+        Latest feedback of each running action that the page has begun, by the name of the action.
     readings : list of LoadRead
         Readings of loads for a calibration.
     calibrated : Text or None
         Text on the calibration that the page has written.
     setting, test, verification, product
-        Latest message on each topic, or None if none has arrived.
+        Latest message about the dynamic setting, the performance test, the verification and the
+        product on the line, or None if no message has arrived.
     batch_folder : Path or None
-        Folder of the batch reports, or None until a user asks for them.
+        Folder of the batch reports, or None until a user has opened the list of reports.
     """
 
     def __init__(self, lane: str, name: str = PAGE_WORK) -> None:
@@ -150,7 +151,7 @@ class LaneServices(PortNode):
             self.subscribe(port, partial(setattr, self, name), qos=port.qos)
 
     async def call(self, name: str, **values: Any) -> Any:
-        """Return the answer of a service, or raise `ActionRefusedError` if it refuses the call."""
+        """Call a service, and return its answer, or raise `ActionRefusedError` if it refuses."""
         client, (kind, node) = await self.found(name), _SERVICES[name]
         acting = ACTING.get()
         if acting is not None and changes_line(name):
@@ -167,10 +168,10 @@ class LaneServices(PortNode):
         return str((await self.call(name, **values)).message)
 
     async def do(self, name: str, *, may_end: bool = False, **values: Any) -> Any:
-        """Perform an action, and return its result.
+        """Perform the action `name` of a node, and return its result.
 
         `values` are the fields of the goal. Raises `ActionRefusedError` if the goal does not
-        succeed. With `may_end`, a cancelled goal also returns a result.
+        succeed. If `may_end` is true, the result of a cancelled goal is also returned.
         """
         client, (kind, node) = self._action_clients[name], _ACTIONS[name]
         await _ready(client.server_is_ready, node)
@@ -190,7 +191,7 @@ class LaneServices(PortNode):
     async def _follow(
         self, client: ActionClient, name: str, kind: Any, values: dict[str, Any]
     ) -> Any:
-        """Send a goal, store its feedback, and return its result, or None if it is not accepted."""
+        """Send a goal, store its feedback, and return its result, or None if it is refused."""
 
         def keep(message: Any) -> None:
             self.feedback[name] = message.feedback
@@ -209,7 +210,7 @@ class LaneServices(PortNode):
         return Text('it ends')
 
     async def found(self, name: str) -> Client:
-        """Return the client of a service, or raise `ActionRefusedError` if it does not run."""
+        """Return the client of a service. Raises `ActionRefusedError` if its node does not run."""
         client, (_, node) = self._by_name[name], _SERVICES[name]
         await _ready(client.service_is_ready, node)
         return client
@@ -225,7 +226,7 @@ class LaneServices(PortNode):
     async def _awaited(
         self, future: Future, is_ready: Callable[[], bool], node: str, patience: float
     ) -> Any:
-        """Return the result of a future, or raise `ActionRefusedError` if it does not come."""
+        """Return the result of a future, or raise `ActionRefusedError` if no result arrives."""
         loop, came, asked = asyncio.get_running_loop(), asyncio.Event(), time.monotonic()
         future.add_done_callback(lambda _: loop.call_soon_threadsafe(came.set))
         while True:
@@ -246,8 +247,8 @@ class LaneServices(PortNode):
         """Perform an action for a user, with entries in the audit log before and after it.
 
         `action` returns a text on its outcome, or raises `ActionRefusedError`. Any other error is
-        logged, and is part of the outcome. A lane without an audit log gets no entries. If an
-        existing audit log cannot be written, the action is not performed.
+        logged, and the outcome contains its message. A lane without an audit log gets no entries.
+        If an existing audit log cannot be written, the action is not performed.
         """
         acting = person, reason
         why = f'; reason: {reason}' if reason else ''
@@ -282,7 +283,7 @@ class LaneServices(PortNode):
         return outcome
 
     async def write_signature(self, subject: str, value: Mapping[str, str]) -> None:
-        """Write a signature of the user who performs the running action to the audit log."""
+        """Write a signature to the audit log, for the user who performs the running action."""
         if (acting := ACTING.get()) is not None:
             await self._note(acting, services=[ports.RECORD_CHANGE])
         text = json.dumps(dict(value))
@@ -293,8 +294,8 @@ class LaneServices(PortNode):
     ) -> None:
         """Write an entry on a user to the audit log, or announce service calls if `text` is None.
 
-        The node of the audit log attributes the changes that the announced services make to the
-        user. An announcement without services ends the earlier announcements.
+        The node that writes the audit log names this user in the entries on the changes that the
+        announced services make. An announcement without services ends the earlier announcements.
         """
         self._has_log = self._has_log or self._by_name[ports.RECORD_CHANGE].service_is_ready()
         if not self._has_log:
@@ -328,7 +329,7 @@ class Workshop:
         self.lanes: dict[str, LaneServices] = {}
 
     async def of(self, lane: str) -> LaneServices:
-        """Return the services of a lane."""
+        """Return the services of a lane. The first call adds their node to the executor."""
         if lane not in self.lanes:
             self.lanes[lane] = LaneServices(lane, self._name)
             await asyncio.to_thread(self._spinner.add, self.lanes[lane])

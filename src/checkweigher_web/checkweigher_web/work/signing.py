@@ -34,7 +34,7 @@ Find = Callable[[], Signable]
 
 
 async def sign_records(desk: Desk, services: LaneServices) -> None:
-    """Ask what the user signs, with which meaning, and for the password."""
+    """Open a dialog for the record to sign, the meaning of the signature, and the password."""
     log, folder = await actions.audit_log(services), await actions.batch_folder(services)
     known = await asyncio.to_thread(_choices, log, folder)
 
@@ -78,10 +78,10 @@ async def _sign(desk: Desk, services: LaneServices, find: Find, meaning: str, pa
 
 
 def _choices(log: Path, folder: Path) -> dict[str, tuple[str, Find]]:
-    """Return the title and the reader of each record to sign, by a text that names its signers.
+    """Return the title of each record that can be signed, and a function that reads it, by label.
 
-    The latest batches and the latest entries come first. Whether a batch has ended is checked
-    when it is signed.
+    The label names the previous signers. Batches are before entries of the audit log, and the
+    latest ones are first. Whether a batch has ended is checked when it is signed.
     """
     entries = read_chain(log).entries
     found: dict[str, tuple[str, Find]] = {}
@@ -98,6 +98,6 @@ def _choices(log: Path, folder: Path) -> dict[str, tuple[str, Find]]:
 
 
 def _signed(signatures: Sequence[Signature]) -> str:
-    """Return the signers as text, or '' without signatures."""
+    """Return a text with the signers, or '' if there are no signatures."""
     names = ', '.join(f'{each.meaning} by {each.who}' for each in signatures)
     return f' ({names})' if names else ''
