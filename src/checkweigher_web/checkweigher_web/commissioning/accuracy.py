@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Accuracy of trained estimators as a matrix of estimator and belt speed."""
+"""Accuracy of trained estimators, with a row for each estimator and a column for each speed."""
 
 from collections.abc import Sequence
 import math
@@ -22,7 +22,7 @@ class Matrix(NamedTuple):
 
 
 def matrix_of(lines: Sequence[str], say: Language = ENGLISH) -> Matrix:
-    """Return the matrix for the lines of `accuracy_lines`. Without lines, it has no rows."""
+    """Return the matrix for the lines that `accuracy_lines` returns. Without lines, it is empty."""
     found: dict[str, dict[str, float]] = {}
     chosen, reason = '', ''
     for line in lines[1:]:
@@ -56,7 +56,7 @@ def _changes(
     reason: str,
     say: Language,
 ) -> tuple[str, ...]:
-    """Return a line per speed with the accuracy now and after training, and one on the choice."""
+    """Return a line per speed with the accuracy before and after training, and one on the choice."""
     if not names:
         return ()
     best = names[0]

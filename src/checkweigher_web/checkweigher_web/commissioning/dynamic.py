@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Dynamic: passes of a known mass at each belt speed, training, and its accuracy."""
+"""Commissioning step Dynamic: passes of a known mass at each belt speed, and training."""
 
 from functools import partial
 import math
@@ -17,7 +17,7 @@ from checkweigher_web.languages.wording import in_words
 from checkweigher_web.work.dialogs import field, mass_in, number_in
 from checkweigher_web.work.services import ActionRefusedError
 
-_MANY = 100_000  # upper limit of the number of passes, exclusive
+_MANY = 100_000  # the number of passes must be less than this
 _PHASES = {
     'reading': Text('reading the passes'),
     'preparing': Text('preparing the estimators'),
@@ -38,7 +38,7 @@ class DynamicStep(Step):
 
     def _build(self) -> None:
         self._said: DynamicSetting | None = None
-        self._table: list[str] = []  # lines of the accuracy that the step shows
+        self._table: list[str] = []  # lines of the accuracy table on the page
         self._taken = False
         with ui.element('div').classes('fields'):
             self._mass = field(self.say('Mass of the product'), unit=self.say.unit)
@@ -53,7 +53,7 @@ class DynamicStep(Step):
         self._show_table()
 
     def standing(self) -> Standing:
-        """Return whether the line has trained parameters, or what is missing."""
+        """Return whether trained parameters have been taken over, and a text on the state."""
         said = self.services.setting
         if said is None:
             return Standing(False, Text('not available: the line was started without a folder'))
@@ -71,7 +71,7 @@ class DynamicStep(Step):
         return Standing(True, Text('taken over'))
 
     async def update(self) -> None:
-        """Show the progress, and the accuracy when it has changed."""
+        """Show the progress, and also the accuracy if it has changed."""
         said = self.services.setting
         if said is None:
             return
@@ -89,7 +89,7 @@ class DynamicStep(Step):
             self._show_table()
 
     def _progress(self, said: DynamicSetting) -> tuple[float, str]:
-        """Return the fraction that is done, or NaN if nothing runs, and a text on the state."""
+        """Return the completed fraction of an action, or NaN if none runs, and a state text."""
         if said.state == DynamicSetting.RECORDING:
             text = Text(
                 '{count} of {wanted} passes of {mass}: let the product pass',
@@ -110,7 +110,7 @@ class DynamicStep(Step):
         return float(found.progress), text
 
     async def _trained(self) -> list[str]:
-        """Return the accuracy of trained parameters that are not accepted yet, or []."""
+        """Return the accuracy of trained parameters that are not accepted yet, or [] if none."""
         try:
             return (await self.services.message(ports.SHOW_TUNED)).splitlines()
         except ActionRefusedError:
@@ -183,7 +183,7 @@ class DynamicStep(Step):
     async def _drop(self) -> None:
         async def drop() -> str:
             now = self.services.setting
-            if now is None or self._works(now):  # the service would also end it
+            if now is None or self._works(now):  # the service would end it
                 raise ActionRefusedError('busy')
             await self.services.message(ports.CANCEL_PASSES)
             return Text('dropped: the line keeps what it has')

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Limits: which masses are accepted."""
+"""Commissioning step Limits: lower and upper limit of the accepted masses."""
 
 from functools import partial
 import math
@@ -25,13 +25,13 @@ class LimitsStep(Step):
     )
 
     def _build(self) -> None:
-        self._texts = ['', '']  # of the limits in use, as last shown
+        self._texts = ['', '']  # limits in use, as the fields last showed them
         with ui.element('div').classes('fields'):
             self._lower = field(self.say('Lower limit'), unit=self.say.unit)
             self._upper = field(self.say('Upper limit'), unit=self.say.unit)
 
     def standing(self) -> Standing:
-        """Return the limits in use."""
+        """Return whether a limit is set, and a text with the limits in use."""
         now = self._now()
         if now is None:
             return Standing(False, Text('the line has not said its limits yet'))

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Commissioning page: the steps, the present load, one step, and a simulated machine."""
+"""Commissioning page: list of steps, present load, panel of one step, simulated machine."""
 
 from collections.abc import Callable
 from functools import partial
@@ -20,8 +20,8 @@ from checkweigher_web.work.services import ActionRefusedError, LaneServices, Out
 
 _STYLE = STYLE.with_name('path.css')
 _PERIOD = 0.5  # s
-_AT_REST = 1e-4  # largest change in kg within 1 s of a load at rest
-_MOVES = 100  # multiple of `_AT_REST` at which the stability bar is empty
+_AT_REST = 1e-4  # largest change of a load at rest within 1 s, in kg
+_MOVES = 100  # change of the load at which the stability bar is empty, in `_AT_REST`
 
 
 class CommissioningPath:
@@ -84,7 +84,7 @@ class CommissioningPath:
         self._result.set_text('')
 
     def _tell(self, outcome: Outcome) -> None:
-        if self._result.is_deleted:  # the user has left the page
+        if self._result.is_deleted:  # The user has left the page.
             return
         if not outcome.done:
             outcome = Outcome(False, in_words(outcome.text))
@@ -132,7 +132,7 @@ class _Tab:
 
 
 class _Button:
-    """Button at a fixed place that performs the present choice."""
+    """Button at a fixed place, whose label and function are those of the present `Choice`."""
 
     def __init__(
         self,
@@ -170,7 +170,7 @@ class _Button:
 
 
 def _steadiness(change: float) -> float:
-    """Return the length of the stability bar, 0 to 1, for a change of the load in kg within 1 s."""
+    """Return the length, 0 to 1, of the stability bar for a change of the load in kg within 1 s."""
     if math.isnan(change):
         return 0.0
     return max(1.0 - math.log(max(change / _AT_REST, 1.0), _MOVES), 0.0)

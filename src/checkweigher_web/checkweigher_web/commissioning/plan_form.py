@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Verification plan as values of a form. Experts can also edit the plan as text."""
+"""Form for a verification plan. It reads its values from the text of the plan, and changes it."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
@@ -19,7 +19,7 @@ from checkweigher_web.languages.wording import from_node
 
 
 class Field(NamedTuple):
-    """Field of the form: path of its key in the plan, label, unit, and choices, if any."""
+    """Field of the form: path of its key in the plan, label, unit, and choices if there are any."""
 
     path: tuple[str, ...]
     label: Text
@@ -61,9 +61,9 @@ TESTS = {
 
 
 def fields_of(text: str) -> list[tuple[Field, str]]:
-    """Return the fields of the form for a plan, each with its value.
+    """Return the fields of the form for the text of a plan, each with its value.
 
-    Raises `ParameterError` if the text is not YAML with sections.
+    Raises `ParameterError` if the text is not a YAML mapping.
     """
     plan = _sections(text)
     masses = plan.get('references')
@@ -77,12 +77,12 @@ def fields_of(text: str) -> list[tuple[Field, str]]:
 
 
 def chosen_tests(text: str) -> set[str]:
-    """Return the keys of the tests in a plan. Raises `ParameterError` as `fields_of`."""
+    """Return the keys of the tests in a plan. Raises `ParameterError` as `fields_of` does."""
     return {key for key in TESTS if _sections(text).get(key)}
 
 
 def with_value(text: str, path: tuple[str, ...], value: str) -> str:
-    """Return the text of a plan with a new value of a field. An empty value removes the key."""
+    """Return the text of a plan with a new value for a field. An empty value removes the key."""
     plan = section = _sections(text)
     for key in path[:-1]:
         section = section.setdefault(key, {})
@@ -96,8 +96,8 @@ def with_value(text: str, path: tuple[str, ...], value: str) -> str:
 def with_test(text: str, key: str, *, made: bool) -> str:
     """Return the text of a plan with or without a test.
 
-    An added test is a copy of the test in the example plan, with a reference mass and a speed of
-    this plan.
+    An added test is a copy of the test in the example plan, with the first load and the first speed
+    of this plan.
     """
     plan = _sections(text)
     plan.pop(key, None)
@@ -109,7 +109,7 @@ def with_test(text: str, key: str, *, made: bool) -> str:
 
 
 def _fitted(section: Any, loads: Iterable[str], load: str, speed: float) -> Any:
-    """Return a section of the example plan with the reference masses and speed of another plan."""
+    """Return a section of the example plan with the loads and the speed of another plan."""
     if isinstance(section, list):
         return [{**each, 'load': load} for each in section]
     own = {'load': load, 'loads': list(loads), 'speed_m_per_min': speed}
@@ -117,10 +117,10 @@ def _fitted(section: Any, loads: Iterable[str], load: str, speed: float) -> Any:
 
 
 def summary(text: str, std_dev: float) -> tuple[Text, list[tuple[Text, str]], list[Text]]:
-    """Return a summary of a plan, its steps as rows, and lines on the steps without a decision.
+    """Return a summary of a plan, its steps as rows, and lines on steps that cannot be decided.
 
-    `std_dev` is the standard deviation of a pass in kg, or 0 if it is not known. If the plan is not
-    valid, the summary is the error, and there are no rows.
+    `std_dev` is the standard deviation in kg of the mass in one pass, or 0 if it is not known. If
+    the plan is not valid, the summary is the error, and there are no rows or lines.
     """
     try:
         plan = read_plan(text)
@@ -193,7 +193,7 @@ def _sections(text: str) -> dict[str, Any]:
     with opened(text) as content:
         found = plain(content)
     if not isinstance(found, dict):
-        raise ParameterError('it has no keys')
+        raise ParameterError('it is not a YAML mapping of keys to values')
     return found
 
 
@@ -205,7 +205,7 @@ def _value(plan: Mapping[str, Any], path: tuple[str, ...]) -> str:
 
 
 def _typed(key: str, value: str) -> Any:
-    """Return the value of a key in the type that the plan needs: a list, a number or a text."""
+    """Return the value of a key with the type that the plan needs: a list, a number or a text."""
     if key == 'speeds_m_per_min':
         return [_number(each) for each in value.replace(';', ',').split(',') if each.strip()]
     return _number(value) if key.endswith('_g') or key in _NUMBERS else value.strip()

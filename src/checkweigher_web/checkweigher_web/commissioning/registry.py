@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Table of the commissioning steps."""
+"""Table of the steps on the commissioning page."""
 
 from checkweigher_web.commissioning.dynamic import DynamicStep
 from checkweigher_web.commissioning.limits import LimitsStep

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Static: zero and sensitivity of the load cell from known masses at rest."""
+"""Commissioning step Static: zero and sensitivity of the load cell from known masses at rest."""
 
 from functools import partial
 
@@ -15,7 +15,7 @@ from checkweigher_web.work.services import LoadRead
 
 
 class StaticStep(Step):
-    """Step of the static calibration. The driver stores the readings."""
+    """Step of the static calibration. The driver stores its readings until they are used."""
 
     title = Text('Static')
     to_do = Text(
@@ -36,7 +36,7 @@ class StaticStep(Step):
         self._table = Table(heads)
 
     def standing(self) -> Standing:
-        """Return whether a calibration was written, or the number of readings."""
+        """Return whether a calibration was written, and a text with its version or the readings."""
         readings = self.services.readings
         if readings:
             text = Text('{count} read, not written yet', count=len(readings))
@@ -45,7 +45,7 @@ class StaticStep(Step):
         return Standing(bool(done), done or Text('not done since the page was started'))
 
     async def update(self) -> None:
-        """Show the progress of a reading, and the finished readings."""
+        """Show the progress of a running reading, and all finished readings."""
         said, say = self.services.feedback.get(ports.READ_LOAD), self.say
         self._progress.set_text(
             ''

@@ -18,9 +18,9 @@ _POLL_PERIOD = 0.05  # s
 
 
 class Standing(NamedTuple):
-    """State of a step: whether it is done, and a text on the result or on the missing parts.
+    """State of a step: whether the step is done, and a text on its result or on missing parts.
 
-    The text is English if it is not a `Text`.
+    A text that is not a `Text` is English.
     """
 
     is_done: bool
@@ -69,10 +69,10 @@ class Step(ABC):
 
     @abstractmethod
     def primary(self) -> Choice:
-        """Return the main button."""
+        """Return the button for the next action of the step."""
 
     def others(self) -> tuple[Choice, ...]:
-        """Return the other buttons, whose number and labels never change."""
+        """Return the other buttons. Their number and their labels never change."""
         return ()
 
     @abstractmethod
@@ -86,9 +86,10 @@ class Step(ABC):
         return outcome.done
 
     async def begin(self, what: str, action: Action, name: str) -> None:
-        """Begin the action `name`, which continues after the user leaves the page.
+        """Begin `action`, which performs the ROS action `name`, in a task of its own.
 
-        Returns when the action has begun, ended or was refused.
+        The task continues after the user leaves the page. Returns when the action has begun, has
+        ended, or was refused.
         """
         task = background_tasks.create(self.perform(what, action))
         while not (task.done() or name in self.services.feedback):

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Verify: plan, steps and reports of a verification."""
+"""Commissioning step Verify: plan, steps and reports of a verification."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -43,13 +43,13 @@ from checkweigher_web.work.reports import VERIFICATION, list_reports
 from checkweigher_web.work.services import Outcome
 
 _MANY = 10  # maximum number of verifications in the list
-_RECENT = 50  # number of latest items that predict the standard deviation of a pass
+_RECENT = 50  # number of latest items from which the standard deviation of a pass is predicted
 _EXAMPLE = Text('example')
 _STATES = {
     ProgressState.ASKING: Text('Do this, then press "Make it": {text}'),
     ProgressState.DECIDING: Text('Failed: make it again, or go on? {text}'),
 }
-_LONGEST_FILE = 4 * LONGEST  # number of characters of a file that are read
+_LONGEST_FILE = 4 * LONGEST  # number of bytes of a file that are read
 
 
 class VerifyStep(Step):
@@ -66,7 +66,7 @@ class VerifyStep(Step):
         say = self.say
         self._said: VerificationProgress | None = None
         self._text = EXAMPLE
-        self._paths: dict[str, Path] = {}  # plans by their relative paths in the folder
+        self._paths: dict[str, Path] = {}  # plans by their paths relative to the folder
         with ui.element('div').classes('fields') as self._choice:
             self._plans = ui.select(self._named(), label=say('Plan'), on_change=self._read_chosen)
             self._plans.props('outlined dense')
@@ -87,7 +87,7 @@ class VerifyStep(Step):
         self._show_text(EXAMPLE)
 
     def standing(self) -> Standing:
-        """Return the verdict of the last verification, or the progress of a running one."""
+        """Return the verdict of the last verification, or the progress if a verification runs."""
         said = self.services.verification
         if said is None:
             return Standing(False, Text('not available: the line was started without a folder'))
@@ -112,13 +112,13 @@ class VerifyStep(Step):
             self._show_text(text)
 
     def _show_text(self, text: str) -> None:
-        """Show a plan in the form and as text."""
+        """Show the text of a plan, and its values in the form."""
         self._text = text
         self._plan.set_value(text)
         self._form.clear()
         try:
             fields, tests = fields_of(text), chosen_tests(text)
-        except ParameterError:  # the summary shows the error, and the user can edit the text
+        except ParameterError:  # The summary shows the error, and no form is shown.
             fields, tests = [], set()
         with self._form:
             for entry, value in fields:
@@ -197,11 +197,11 @@ class VerifyStep(Step):
             list_reports(self.lane.name, VERIFICATION, _made(path.parent for path in made))
 
     def _named(self) -> dict[str, str]:
-        """Return the names of the plans to choose from, by their keys."""
+        """Return the labels of the plans from which the user can choose, by their keys."""
         return {**{path: path for path in self._paths}, str(_EXAMPLE): self.say(_EXAMPLE)}
 
     def primary(self) -> Choice:
-        """Return the button that begins the verification or makes the requested step."""
+        """Return the button that begins a verification, or that makes the requested step."""
         said = self.services.verification
         if said is None or said.state is ProgressState.IDLE:
             return Choice(Text('Begin'), self._begin, said is not None)
@@ -235,7 +235,7 @@ class VerifyStep(Step):
         await self.perform(Text('break off verification'), end)
 
     async def _answer(self, answer: StepAnswer, what: Text) -> None:
-        """Answer the question on the page. The verifier refuses an answer to an older question."""
+        """Answer the question on the page. The verifier refuses this if it now asks another one."""
         seen = self._said
         if seen is None or not seen.steps:
             return

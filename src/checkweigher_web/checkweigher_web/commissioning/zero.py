@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Zero: reading of the empty belt."""
+"""Commissioning step Zero: reading of the empty belt."""
 
 from functools import partial
 
@@ -28,7 +28,7 @@ class ZeroStep(Step):
         self._state.set_text(self.say('Zero: {state}', state=self.standing().text))
 
     def standing(self) -> Standing:
-        """Return the time of the zero, and its offset from the zero of the calibration in g."""
+        """Return whether a zero is known, with its time and its offset from the calibration."""
         zero = self.lane.zero
         if zero is None:
             return Standing(False, Text('not set yet'))

@@ -29,10 +29,10 @@ Picture = tuple[str, str, tuple[str, ...]]  # text on an item, its figure as JSO
 
 
 class AlarmsView(View):
-    """Alarms in the order in which they came, the acknowledged ones and those that are over last.
+    """Alarms in the order of their beginning, then acknowledged alarms, then ended alarms.
 
-    The first alarm is often the cause of the others. Below the alarms is the signal of an item with
-    the first fault.
+    The first alarm is often the cause of the others. Below the alarms, the view shows the signal of
+    an item with the reason of the first fault alarm.
     """
 
     title = Text('Alarms')
@@ -82,12 +82,12 @@ class AlarmsView(View):
 
 
 def in_order(alarms: Sequence[Alarm]) -> list[Alarm]:
-    """Return alarms in the order in which they came, the acknowledged ones last."""
+    """Return alarms in the order of their beginning, the acknowledged ones last."""
     return sorted(alarms, key=lambda each: (bool(each.acknowledged_by), each.first))
 
 
 def rows(alarms: Sequence[Alarm], now: int, say: Language = ENGLISH) -> list[tuple[Cell, ...]]:
-    """Return a row for each alarm at time `now` in ns, which is 0 for alarms that are over."""
+    """Return a row for each alarm at time `now` in ns. `now` is 0 if all alarms have ended."""
     return [
         (
             say(_order(place, each, now)),
@@ -109,7 +109,10 @@ def _order(place: int, alarm: Alarm, now: int) -> str:
 
 
 def state_of(alarm: Alarm, now: int = 0, say: Language = ENGLISH) -> str:
-    """Return a text on the duration and the acknowledgement of an alarm at time `now` in ns."""
+    """Return a text on the duration and the acknowledgement of an alarm at time `now` in ns.
+
+    `now` is 0 if the alarm has ended.
+    """
     lasted = alarm.duration
     if alarm.active and now:
         lasted += max(now - alarm.last, 0) / NANOSECONDS
@@ -123,9 +126,10 @@ def state_of(alarm: Alarm, now: int = 0, say: Language = ENGLISH) -> str:
 
 
 def picture_of(drawing: Drawing, say: Language = ENGLISH) -> Picture | None:
-    """Return the signal of an item with the first fault in the alarms, or None without a signal.
+    """Return the signal of an item with the reason of the first fault alarm, or None.
 
-    The signal is cached, because the lane soon drops its samples.
+    Returns None if there is no fault alarm, or no samples of such an item. The signal is cached,
+    because the lane soon drops its samples.
     """
     pictures: dict[tuple[str, int], Signal] = drawing.once('pictures', None, dict)
     alarms = [each for each in in_order(drawing.lane.alarms) if each.source == _FAULT]

@@ -14,7 +14,7 @@ from checkweigher_web.mass_series import MassSeries
 from checkweigher_web.views.view import FigureView, Look
 
 _ROOM = 0.05  # margin above and below the data and limits, as a fraction of their range
-# Symbols of the rules of `control_chart`.
+# Symbols that mark the violations of each rule of the control chart.
 _SYMBOLS = {
     Text('beyond the limits'): 'diamond',
     Text('beyond the limit'): 'diamond',
@@ -47,8 +47,9 @@ class SpreadsView(MeansView):
 def control_figure(series: MassSeries, say: Language = ENGLISH, *, spread: bool) -> Options:
     """Return the figure of a control chart over time with its limits.
 
-    The figure shows the standard deviations of the subgroups with `spread`, otherwise their means.
-    A symbol marks the first subgroup of each run that breaks a rule, and the legend names the rule.
+    If `spread` is true, the figure shows the standard deviations of the subgroups, otherwise their
+    means. A symbol marks the first subgroup of each run that breaks a rule, and the legend names
+    the rule.
     """
     masses, reference = (
         [say.per_kg * mass for mass in each] for each in (series.masses, series.reference)

@@ -18,9 +18,10 @@ from checkweigher_web.views.view import View
 
 _LEAST = 128  # minimum number of samples for a spectrum
 _PROMINENCE = 4.0  # minimum amplitude of a line, relative to the median of the bins around it
-_SURROUNDING = 10  # number of bins at each side of a line for the median
+_SURROUNDING = 10  # number of bins on each side of a line from which the median is computed
 _MAX_LINES = 6
-# Maximum relative difference of a line from a mains frequency, and from the platform frequency.
+# Largest relative difference between the frequency of a line and a mains frequency, and between it
+# and the natural frequency of the platform, at which this is named as the possible cause.
 _NEAR, _PLATFORM = 0.02, 0.15
 _FLOOR = 12.0  # highest frequency of building vibrations in Hz
 _MAINS = (50.0, 60.0, 100.0, 120.0)  # mains frequencies and their second harmonics in Hz
@@ -29,16 +30,16 @@ _HIGHEST = 150.0  # highest frequency in the figure in Hz
 
 @dataclass(frozen=True, slots=True)
 class SpectralLine:
-    """Line of a spectrum."""
+    """Spectral line of the empty belt, with its possible cause."""
 
     frequency: float  # Hz
     amplitude: float  # kg
-    guess: Text  # possible cause
+    guess: Text  # possible cause for the user
 
 
 @dataclass(frozen=True, slots=True)
 class Spectrum:
-    """Amplitudes (n,) in kg of the sines with `frequencies` (n,) in Hz, and the strongest lines."""
+    """Amplitudes (n,) in kg of sines with the `frequencies` (n,) in Hz, and the strongest lines."""
 
     frequencies: NDArray[np.float64]
     amplitudes: NDArray[np.float64]
@@ -46,7 +47,7 @@ class Spectrum:
 
 
 class EmptyBeltView(View):
-    """Spectrum of the empty belt, and a table of its lines."""
+    """Spectrum of the empty belt, and a table of its strongest lines."""
 
     title = Text('Empty belt')
     columns = 1, 7
@@ -104,7 +105,7 @@ def spectrum(
 ) -> Spectrum | None:
     """Compute the spectrum of the empty belt, or return None if there are too few samples.
 
-    The samples `force` (n,) are in kg, and the sample rate is in Hz. The belt speed in m/s gives
+    The samples `force` (n,) are in kg, and `sample_rate` is in Hz. `belt_speed` in m/s determines
     the diameter of a roller that may cause a line. `platform` is the natural frequency of the
     weighing platform in Hz.
     """
@@ -132,7 +133,7 @@ def _surrounding(amplitudes: NDArray[np.float64], k: int) -> float:
 
 
 def _guess(frequency: float, belt_speed: float, platform: float) -> Text:
-    """Return the possible cause of a line with this frequency in Hz."""
+    """Return the possible cause of a line at a frequency in Hz, as a text for the user."""
     mains = [known for known in _MAINS if abs(frequency - known) <= _NEAR * known]
     if mains:
         return Text(

@@ -20,9 +20,9 @@ from checkweigher_web.raw_signal import Stretch
 
 _BEFORE_RISE = 0.3  # duration in s of the empty belt before a rise
 _GAP = 1.5  # longest time between two samples without a loss, in sample periods
-_FLICKER = 0.25  # shortest time between two edges, relative to the longest blockage of the eye
+_FLICKER = 0.25  # time between edges below which an eye chatters, relative to the longest blockage
 EYES = {Eye.INFEED: Text('infeed eye'), Eye.OUTFEED: Text('outfeed eye')}
-# Edges of an item: the eye, and whether the item blocks it.
+# Edges of an item by name: the eye, and whether the item blocks the eye or clears it.
 EDGES = {
     't1': (Eye.INFEED, True),
     't2': (Eye.INFEED, False),
@@ -33,9 +33,9 @@ EDGES = {
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """Text for the signal from `begin` to `end` in ns, or for a moment if both are equal.
+    """Text on the signal from `begin` to `end` in ns, or on one moment if both are equal.
 
-    `edge` is the name in `EDGES` of a missing edge that was expected there, or ''.
+    `edge` is the key in `EDGES` of a missing edge that was expected at this moment, or ''.
     """
 
     text: str
@@ -45,18 +45,18 @@ class Mark:
 
 
 class Scene:
-    """Raw signal around an item, and its edges.
+    """Raw signal and photo-eye edges around an item.
 
     Attributes
     ----------
     times : dict of str to int
-        Known times among t1 to t4, in ns.
+        Times in ns by name, for those of t1 to t4 that are known.
     force : array of shape (n,)
         Signal in kg, relative to the zero of calibration.
     usual_speed : float
         Belt speed of earlier items in m/s, or NaN if it is not known.
     say : Language
-        Language of the texts of its marks.
+        Language of the texts of the marks.
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class Scene:
 
 
 def fault_marks(scene: Scene) -> list[Mark]:
-    """Return the marks in the signal of an item, in the order of its reasons."""
+    """Return the marks that explain a fault in its signal, in the order of its reasons."""
     finders = (_FINDERS[Reason(each)] for each in scene.reasons if each in _FINDERS)
     return [mark for find in finders for mark in find(scene)]
 
@@ -116,9 +116,10 @@ def empty_belt(scene: Scene) -> tuple[int, int, float] | None:
 
 
 def expected_rise(scene: Scene) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
-    """Return the rise of the load that the edges predict: time (n,) in ns and force (n,) in kg.
+    """Return the rise of the load that the edges predict, as time (n,) in ns and force (n,) in kg.
 
-    Returns None without the reason EDGE_MISMATCH, or if edges or samples are missing.
+    Returns None if the item does not have the reason EDGE_MISMATCH, or if edges or samples are
+    missing.
     """
     rise, rest = scene.span('t1', 't2'), scene.span('t2', 't3')
     if Reason.EDGE_MISMATCH not in scene.reasons or rise is None or rest is None:
@@ -320,7 +321,7 @@ def _sample(place: int, text: str, scene: Scene) -> list[Mark]:
 
 
 def _load(text: str, scene: Scene) -> Iterator[Mark]:
-    """Mark the time from t2 to t3. `text` has places for the mean load and the capacity."""
+    """Mark the time from t2 to t3. `text` may contain the placeholders `load` and `capacity`."""
 
     def describe(scene: Scene, begin: int, end: int) -> str:
         load, say = scene.mean(begin, end), scene.say
@@ -388,7 +389,7 @@ def runs(inside: Sequence[bool] | NDArray[np.bool_]) -> list[tuple[int, int]]:
 
 _LENGTH = partial(_over, 't1', 't2', _length)
 _SPEED = partial(_over, 't1', 't3', _speed)
-# Functions that find the marks of a reason, for the reasons that the signal shows.
+# Functions that find the marks of a reason, for each reason that the signal can show.
 _FINDERS: dict[Reason, Finder] = {
     Reason.DISTANCE_FAULT: _two_products,
     Reason.MISSING_EDGE: _missing_edges,

@@ -13,7 +13,7 @@ from checkweigher_web.views.view import View
 
 
 class FaultsView(View):
-    """Fault reasons so far, each with a hint, the most frequent reason first."""
+    """Fault reasons of the items that were weighed so far, the most frequent reason first."""
 
     title = Text('Faults')
     columns = 1, 7

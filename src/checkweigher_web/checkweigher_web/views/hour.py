@@ -24,12 +24,13 @@ from checkweigher_web.views.view import SLOW, View
 
 _INTERVALS = 60
 _SHORTEST = 10 * NANOSECONDS  # shortest interval in ns
-_MANY, _RARELY = 1000, 10  # number of items from which the figure is drawn every `_RARELY` s
-_TICK = NANOSECONDS // 2  # width in ns of the time bins with one tick for accepted items
+# Number of items from which the figure of a running lane is drawn only every `_RARELY` s.
+_MANY, _RARELY = 1000, 10
+_TICK = NANOSECONDS // 2  # width in ns of a bin, in which accepted items share one tick
 _HEIGHTS = 34, 62, 84, 62, 50, 34  # heights of the charts in px
 
 
-# Texts if there is no further fault (or item) after (or before) the chosen one.
+# Messages if there is no other item, by whether it must be a fault and whether it must be later.
 _NO_MORE = {
     (False, True): Text('no item after it'),
     (False, False): Text('no item before it'),
@@ -41,7 +42,8 @@ _NO_MORE = {
 class HourView(View):
     """Ticks for the items, above charts with the same time axis.
 
-    The other views show only the part of the time axis that the viewer has selected.
+    The signal, the item list, the histogram and the control charts show only the items in the part
+    of the time axis that the viewer has selected.
     """
 
     title = Text('Over time')
@@ -127,8 +129,9 @@ def _draw(drawing: Drawing, say: Language, *, live: bool) -> Options:
     if not len(history.stamps):
         return charts.nothing(say('waiting for items'))
     end = time.time_ns() if live else int(history.stamps.max()) + 1
+    # End at the last item if the source has another clock, or if the line has stood for an hour.
     if live and not 0 <= end - history.stamps[-1] < HOUR:
-        end = int(history.stamps[-1]) + 1  # The source has another clock, or the line stands.
+        end = int(history.stamps[-1]) + 1
     begin = max(int(history.stamps.min()), end - HOUR) if live else int(history.stamps.min())
     readings = _read_empty_belts(drawing)
     return hour_figure(history, drawing.lane.alarms, readings, begin, end, say)
@@ -144,8 +147,8 @@ def hour_figure(
 ) -> Options:
     """Return the figure of a history from `begin` to `end` in ns.
 
-    `readings` maps the stamp of each item with a zero out of range to the reading of the empty belt
-    before the item, in g.
+    `readings` maps the stamp in ns of each item with the reason ZERO_OUT_OF_RANGE to the reading of
+    the empty belt before the item, in g.
     """
     count = min(_INTERVALS, max(2, (end - begin) // _SHORTEST))
     means = intervals(history, begin, end, count)
@@ -171,14 +174,14 @@ def hour_figure(
         ],
     }
     heights = dict(zip(rows, _HEIGHTS, strict=True))
-    # Omit rows without data, because a recording has neither noise nor alarms.
+    # Omit charts without data. A recording, for example, has neither noise nor alarms.
     shown = {name: own for name, own in rows.items() if any(each['data'] for each in own)}
     ends = charts.local_times([begin - NANOSECONDS, end + NANOSECONDS])
     return charts.rows([*shown.values()], {name: heights[name] for name in shown}, ends)
 
 
 def _ticks(history: History, say: Language) -> list[Options]:
-    """Return the ticks of the items, which are coloured for rejected items."""
+    """Return the ticks of the items. Only the ticks of rejected items are coloured."""
     series = []
     for name, decisions, color, width in (
         ('ACCEPT', (Decision.ACCEPT,), MUTED, 1),
@@ -230,10 +233,10 @@ def _events(name: str, events: Sequence[tuple[int, str]], symbol: str, color: st
 
 
 def _read_empty_belts(drawing: Drawing) -> dict[int, float]:
-    """Return the reading of the empty belt in g before each item with a zero out of range.
+    """Return the reading of the empty belt in g before each item with ZERO_OUT_OF_RANGE.
 
-    A reading is NaN if the samples of the empty belt are missing. The readings are cached, because
-    the lane soon drops its samples.
+    The readings are by the stamp in ns of the item. A reading is NaN if the samples of the empty
+    belt are missing. The readings are cached, because the lane soon drops its samples.
     """
     readings: dict[Key, float] = drawing.once('readings', None, dict)
     cell = drawing.lane.load_cell

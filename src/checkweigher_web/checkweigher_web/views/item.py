@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""View of the latest item, or of the reason why the lane does not weigh."""
+"""View of the latest item, and of the reason if the lane does not weigh."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from checkweigher_web.languages.words import why
 from checkweigher_web.views.masses import limit_label, limits_of
 from checkweigher_web.views.view import FAST, View
 
-_DOTS = 20  # maximum number of items on the scale
+_DOTS = 20  # maximum number of items on the scale, including the item of the reading
 _ROOM = 0.12  # margins of the scale outside the limits, as a fraction of their range
 _NARROWEST = 300  # width in px of the scale on a phone
 _WEIGHS = ('driver', *STAGES)
@@ -34,7 +34,7 @@ ENDED = {
 
 
 class ItemView(View):
-    """Mass and verdict of the latest item with a scale, grey while the lane does not weigh."""
+    """Mass and verdict of the latest item, with a scale. It is grey if the lane does not weigh."""
 
     title = Text('Item')
     columns = 2, 12
@@ -45,7 +45,7 @@ class ItemView(View):
         self._reading = Reading(self.say)
         with ui.element('div').classes('stop level-ERROR').props('role=alert') as self._stop:
             self._request = ui.label('')
-            self._more = ui.label('').props('lang=en')  # from the node
+            self._more = ui.label('').props('lang=en')  # English text of the node
             if 'Reset stop' in self.look.work:
                 ui.button(self.say('Reset stop'), on_click=self.look.work['Reset stop']).props(
                     'outline'
@@ -56,7 +56,8 @@ class ItemView(View):
 
     def _show(self) -> None:
         still, stop = standstill(self.look.nodes()), self.lane.stop
-        live = self.look.board is not None  # A recorded shift shows the chosen item instead.
+        live = self.look.board is not None
+        # A running lane shows the latest item, and a recorded shift shows the chosen one.
         item = self.drawing.latest() if live else self.look.item()
         self._stop.set_visibility(stop is not None)
         self._request.set_text(
@@ -87,7 +88,11 @@ def reading(
     statistics: Statistics | None,
     say: Language = ENGLISH,
 ) -> dict[str, object]:
-    """Return the reading of an item, with a scale that also shows the first of `items`."""
+    """Return the reading of an item, with a scale.
+
+    `items` contains the item and those before it, the latest first. The scale shows the first
+    `_DOTS` of them.
+    """
     verdict = item.verdict
     return {
         'decision': verdict.decision.name,
@@ -102,7 +107,7 @@ def reading(
 def _scale(
     verdict: Verdict, latest: Sequence[Verdict], statistics: Statistics | None, say: Language
 ) -> dict[str, object] | None:
-    """Return a scale with limits and masses as positions from 0 to 1, or None without them."""
+    """Return a scale with limits and masses as positions from 0 to 1, or None if it is empty."""
     of = verdict.product, verdict.batch
     limits = limits_of(*of, verdict, statistics)
     weighed = [each for each in latest if math.isfinite(each.mass)]
@@ -139,7 +144,10 @@ class _Ruler:
 
 
 def _ruler(limits: Sequence[float], masses: Sequence[float]) -> _Ruler | None:
-    """Return the scale for two limits in g, otherwise for the limits and masses in g."""
+    """Return a scale that covers the limits in g. With one limit or none, it covers the masses, too.
+
+    Returns None if there are neither limits nor masses.
+    """
     places = limits if len(limits) > 1 else [*limits, *masses]
     if not places:
         return None
@@ -169,7 +177,7 @@ def about(item: ShownItem, say: Language = ENGLISH) -> str:
 
 
 def standstill(rows: Sequence[Row]) -> str:
-    """Return the reason in the diagnostics why a lane does not weigh, or '' if it weighs."""
+    """Return the reason why a lane does not weigh, from its diagnostics, or '' if it weighs."""
     if silent := silence(rows):
         return Text('silent for {seconds} s', seconds=round(silent))
     source = [row for row in rows if (_name(row), row.aspect) == ('driver', 'Source')]
@@ -180,7 +188,7 @@ def standstill(rows: Sequence[Row]) -> str:
 
 
 def silence(rows: Sequence[Row]) -> float:
-    """Return the longest time in s for which a node that weighs has sent no diagnostics."""
+    """Return the longest time in s for which a node that weighs is silent, or 0 if none is."""
     return max((row.silence for row in rows if _name(row) in _WEIGHS), default=0.0)
 
 

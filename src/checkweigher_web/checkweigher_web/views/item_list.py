@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""View of the item list, in which a viewer chooses the item whose signal is shown."""
+"""View of the item list, in which a viewer chooses the item whose signal the page shows."""
 
 from nicegui import json, ui
 
@@ -23,7 +23,7 @@ _HEADS = (
 
 
 class ItemListView(View):
-    """Latest items, or only the faults."""
+    """List of the latest items, or only of the faults."""
 
     title = Text('Items')
     columns = 1, 5
@@ -41,7 +41,7 @@ class ItemListView(View):
 
 
 def rows_of(look: Look) -> str:
-    """Return the rows of the list around the chosen item as JSON."""
+    """Return the rows of the list as JSON, with the chosen item among them."""
     drawing, items = look.drawing, look.items()
     keys = [row_key(item) for item in items] if look.chosen else []
     place = keys.index(look.chosen) if look.chosen in keys else 0

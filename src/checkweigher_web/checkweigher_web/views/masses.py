@@ -16,7 +16,7 @@ from checkweigher_web.views.view import FigureView, Look
 
 _BINS = 25
 _NARROWEST = 0.01  # minimum total width of the bins in g
-_SAME = ' = '  # between the names of equal limits
+_SAME = ' = '  # separator between the names of equal limits
 _NOMINAL, _LOWER, _UPPER = Text('nominal'), Text('lower'), Text('upper')
 
 
@@ -68,7 +68,7 @@ def histogram(
 
 
 def _bounds(masses: NDArray[np.float64], latest: Verdict | None) -> NDArray[np.float64]:
-    """Return the bounds of the bins in g. Each limit is a bound, so that no bin contains it."""
+    """Return the bounds of the bins in g. Each limit is a bound, so that no bin lies across it."""
     count = min(_BINS, max(5, len(masses) // 4))
     width = max(float(np.ptp(masses)), _NARROWEST) / count
     own = (latest.lower_limit, latest.upper_limit) if latest else ()
@@ -77,24 +77,25 @@ def _bounds(masses: NDArray[np.float64], latest: Verdict | None) -> NDArray[np.f
     if len(limits) > 1 and limits[1] > limits[0]:
         width = (limits[1] - limits[0]) / math.ceil((limits[1] - limits[0]) / width)
     first, last = ((end - origin) / width for end in (masses.min(), masses.max()))
-    # The last bin includes its upper bound, so a mass at a limit needs a bin above it.
+    # Only the last bin includes its upper bound. Its bound is therefore above the largest mass, so
+    # that a mass at a limit is always in the bin above the limit.
     return origin + width * np.arange(math.floor(first), math.floor(last) + 2)
 
 
 def limit_name(name: str, say: Language) -> str:
-    """Return the translation of a name of `limits_of`."""
+    """Return the translation of a name that `limits_of` returns."""
     return _SAME.join(map(say, name.split(_SAME)))
 
 
 def limit_label(name: str, mass: float, say: Language) -> str:
-    """Return the name of a limit and its mass, which is given in g, without unit."""
+    """Return a label with the name of a limit and its mass without unit. `mass` is in g."""
     return f'{limit_name(name, say)} {say.entry(round(say.per_kg * mass / GRAMS, 6))}'
 
 
 def limits_of(
     product: str, batch: str, latest: Verdict | None, statistics: Statistics | None
 ) -> dict[str, float]:
-    """Return the gross limits in g by English name, in increasing order.
+    """Return the limits of the gross mass in g by English name, in increasing order.
 
     The limits are those of the `latest` verdict. TU1, TU2 and the nominal mass are included if the
     statistics are those of the product and the batch. Equal limits share one entry.

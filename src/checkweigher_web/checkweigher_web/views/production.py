@@ -17,7 +17,7 @@ from checkweigher_web.languages.language import ENGLISH, Language, Text
 from checkweigher_web.views.view import View
 
 _INTERVALS, _MINUTE = 60, 60 * NANOSECONDS
-_FULL = 2.0  # used fraction of a broken rule without a margin
+_FULL = 2.0  # used fraction of the margin for a broken rule that has no margin
 Rule = tuple[str, str, float | None]  # name, state, and the used fraction of the margin
 
 
@@ -55,17 +55,17 @@ class ProductionView(View):
 def figures(
     history: History, known: Statistics | None, now: int, say: Language = ENGLISH
 ) -> list[tuple[str, str, str]]:
-    """Return the main figures, each with its name, its text, and the points of its course.
+    """Return the main figures, each with its name, its value as text, and points of its course.
 
-    The course has a point for each interval of the last hour before `now` in ns. The points are
-    in SVG format, in a frame of 100 by 30.
+    There is a point for each interval of the last hour before `now` in ns that has a value. The
+    points are in SVG format, in a frame of 100 by 30.
     """
     since = int(history.stamps[0]) if len(history.stamps) else now
     length = min(max(now - since, _MINUTE), HOUR)
     course = intervals(history, now - length, now, min(_INTERVALS, 6 * length // _MINUTE))
     passed = np.count_nonzero((now - _MINUTE < history.stamps) & (history.stamps <= now))
     target = math.nan if known is None else GRAMS * (known.nominal + known.tare)
-    share = max(min((now - since) / _MINUTE, 1.0), 1 / 60)  # The first minute may not be over yet.
+    share = max(min((now - since) / _MINUTE, 1.0), 1 / 60)  # less than 1 min after the first item
     giveaway, mean = course.means - target, course.means - (known.tare * GRAMS if known else 0)
     rejects = 1.0 - known.accepted / known.items if known and known.items else math.nan
     return [
@@ -86,7 +86,7 @@ def _points(values: NDArray[np.float64]) -> str:
 def production(
     known: Statistics | None, filler: FillerFeedback | None, say: Language = ENGLISH
 ) -> list[tuple[str, str]]:
-    """Return the counts of the product and the batch, and the correction of the filler."""
+    """Return rows with the counts of the product and the batch, and the filler correction."""
     if known is None:
         return [('', say('no statistics: the node product does not run'))]
     counts = {
@@ -126,7 +126,7 @@ def _correction(
 def batch_rules(
     known: Statistics | None, latest: Verdict | None, say: Language = ENGLISH
 ) -> list[Rule]:
-    """Return the packers' rules for the present batch, each with its present state.
+    """Return the state of each packers' rule for the present batch.
 
     The statistics in `known` contain the rules of the recipe, and the `latest` verdict contains the
     counts on which the rules depend.
@@ -158,7 +158,8 @@ def _mean_rule(known: Statistics, tally: BatchTally, say: Language) -> tuple[str
     if not tally.accepted:
         return say('nothing accepted yet'), None
     mean = known.nominal + tally.surplus / tally.accepted
-    # The margin is used up at the nominal mass, and full if the mean exceeds it by nominal - TU1.
+    # The margin is used up if the mean is equal to the nominal mass, and unused if the mean exceeds
+    # the nominal mass by nominal - TU1 or more.
     used = max(1.0 - (mean - known.nominal) / (known.nominal - known.tu1), 0.0)
     text = say(
         '{mean} of {nominal}; an item may lack {surplus}',

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Table of the views."""
+"""Table of the views on the page of a lane or of a recorded shift."""
 
 from checkweigher_web.technician.practice import PracticeView
 from checkweigher_web.views.alarms import AlarmsView

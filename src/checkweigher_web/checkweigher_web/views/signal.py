@@ -21,9 +21,9 @@ from checkweigher_web.views.fault_marks import EDGES, EYES, Mark, Scene, expecte
 from checkweigher_web.views.view import FAST, View
 
 _ROWS = {Eye.INFEED: (DENOISED, 1.0), Eye.OUTFEED: (LEVEL, 0.0)}  # colour and row of each eye
-_BEFORE, _POINTS = 20, 60  # earlier items behind the signal, and points of each item
+_BEFORE, _POINTS = 20, 60  # number of earlier items behind the signal, and points of each one
 _DETAIL = 110  # height in px of the figure of the plateau
-_LEAD = 0.5  # time before t1 that is shown, as a fraction of t3 - t1
+_LEAD = 0.5  # longest time before t1 that is shown, as a fraction of t3 - t1
 
 Edge = tuple[float, bool, bool]  # time in ms, whether it blocks the eye, whether it was detected
 Signal = tuple[ShownItem, list[WeighWindow]]  # item with its signals, and windows before it
@@ -81,7 +81,7 @@ def item_text(item: ShownItem, say: Language) -> str:
 def drawn(
     drawing: Drawing, item: ShownItem, say: Language = ENGLISH
 ) -> tuple[str, tuple[str, ...]]:
-    """Return the figure of an item as JSON and the texts of its marks, from the cache."""
+    """Return the figure of an item as JSON and the texts of its marks, which are cached."""
     made = drawing.once(('signals', say), drawing.lane.version, dict)
     if item.key not in made:
         signal = signal_of(drawing, item)
@@ -109,9 +109,9 @@ def signal_chart(
     before: Sequence[WeighWindow] = (),
     say: Language = ENGLISH,
 ) -> tuple[Options, list[Mark]]:
-    """Return the figure of an item: its window, or the raw signal around a fault with marks.
+    """Return the figure of an item, with its raw signal or else its window, and the marks.
 
-    A window is drawn over the windows of earlier items in `before`.
+    Only a raw signal has marks. A window is drawn over the windows of earlier items in `before`.
     """
     if item.stretch is not None and load_cell is not None:
         scene = Scene(item, item.stretch, load_cell, say)
@@ -168,7 +168,7 @@ def _times(window: WeighWindow) -> NDArray[np.float64]:
 
 
 def _overlaid(windows: Sequence[WeighWindow], say: Language) -> list[Options]:
-    """Return the overlaid raw signals of windows as one series with few points."""
+    """Return the raw signals of windows, one over the other, as one series with few points."""
     points: list[list[float | None]] = []
     for window in windows:
         step = max(1, len(window.counts) // _POINTS)
@@ -183,7 +183,7 @@ def _overlaid(windows: Sequence[WeighWindow], say: Language) -> list[Options]:
 
 
 def _add_detail(figure: Options, detail: Sequence[Options], name: str) -> None:
-    """Add a chart of the plateau below a figure, with its own scale and a name of its time axis."""
+    """Add a chart of the plateau with its own scale below a figure. `name` labels its time axis."""
     hidden = {'axisLabel': {'showMinLabel': False, 'showMaxLabel': False}}
     x_axis = {'type': 'value', 'min': 'dataMin', 'max': 'dataMax', 'gridIndex': 1} | hidden
     x_axis |= {'name': name, 'nameLocation': 'middle', 'nameGap': 25}
@@ -220,7 +220,8 @@ def _scene_chart(scene: Scene, marks: Sequence[Mark]) -> Options:
         seen = [((e.stamp - origin) / 1e6, e.blocked, True) for e in scene.edges_of(eye)]
         lost = {name: at for name, at in missing.items() if EDGES[name][0] == eye}
         edges = seen + [(at, EDGES[name][1], False) for name, at in lost.items()]
-        # The eye may be blocked at the left end of the figure, with or without a known edge.
+        # An eye that is blocked at the left end has detected the start of this blockage, unless the
+        # blockage is that of the item itself and its edge is not known.
         was_seen = ('t1' if eye == Eye.INFEED else 't3') in {*scene.times, *missing}
         bars = _bars(sorted(edges), _ROWS[eye][1], shown, was_seen=was_seen)
         figure['series'] += _row_of_eye(eye, bars, list(lost.values()), say)
@@ -243,7 +244,7 @@ def _number(raw: Options, marks: Sequence[Mark], origin: int) -> None:
 def _add_rows_of_eyes(
     figure: Options, shown: tuple[float, float], name: str, say: Language
 ) -> None:
-    """Add a row for each eye below a figure, with the same time axis."""
+    """Add a row for each eye with the same time axis below a figure."""
     upper = figure['xAxis'] | {'min': shown[0], 'max': shown[1]}
     lower = upper | {'gridIndex': 1, 'name': name}
     eyes = {
@@ -261,8 +262,8 @@ def _bars(edges: Sequence[Edge], row: float, shown: tuple[float, float], *, was_
     """Return a bar for each time in which an eye was blocked.
 
     The `edges` are in order of time and include missing edges. The position of the bars on the y
-    axis is `row`. The time axis covers the range `shown` in ms. `was_seen` says whether the eye
-    detected the start of a bar that begins at the left end.
+    axis is `row`. The time axis covers the range `shown` in ms. `was_seen` is true if the eye
+    detected the start of the bar that begins at the left end.
     """
     bars: Bars = {True: [], False: []}
     since = (shown[0], was_seen) if edges and not edges[0][1] else None

@@ -31,12 +31,13 @@ FAST, SLOW = 0.1, 1.0  # periods of the updates in s
 class Look:
     """State of one viewer of a lane.
 
-    `board` is None for a recorded shift. `keep` is None if the viewer may not keep items. `work`
-    maps the label of each allowed action to a function that opens its dialog. `practice` is the
-    access to a simulated machine, or None if the viewer may not change it.
-    `chosen` is the key of the item that the viewer has chosen, or '' for the latest item.
-    `span` is the selected part of the time axis, or None for the whole axis. `say` is the language
-    of the viewer.
+    `board` contains the diagnostics, or is None for a recorded shift. `keep` writes an item as a
+    bag, or is None if the viewer may not keep items. `work` maps the label of each allowed action
+    to a function that opens its dialog. `practice` gives access to a simulated machine, or is None
+    if the viewer may not change it. `chosen` is the key of the item that the viewer has chosen, or
+    '' for the latest item. `only_faults` is true if the viewer has selected only faults. `span` is
+    the selected part of the time axis, or None for the whole axis. `say` is the language of the
+    viewer.
     """
 
     drawing: Drawing
@@ -54,7 +55,7 @@ class Look:
         self.chosen = key
 
     def items(self) -> list[ShownItem]:
-        """Return the items that the viewer has selected, the latest first."""
+        """Return the items that the viewer has selected, the latest item first."""
         if self.span is None:
             return self.drawing.items(only_faults=self.only_faults)
         lane = self.drawing.lane
@@ -71,14 +72,14 @@ class Look:
         return next((each for each in items if row_key(each) == self.chosen), latest)
 
     def series(self) -> MassSeries:
-        """Return the masses of the selected items."""
+        """Return the mass series of the selected items."""
         if self.span is None:
             return self.drawing.lane.series
         verdicts = (item.verdict for item in reversed(self.drawing.lane.items(self.span)))
         return reduce(MassSeries.with_item, verdicts, MassSeries())
 
     def move(self, step: float, *, faults: bool) -> bool:
-        """Choose another item, or another fault, and return whether there is one.
+        """Choose another item, or another fault, and return False if there is none.
 
         `step` is positive for a later item and negative for an earlier one. An infinite step leads
         to the last or first item.
@@ -99,13 +100,16 @@ class Look:
         return True
 
     def place(self) -> tuple[int, int]:
-        """Return the place of the present item, from 1, and the number of the selected items."""
+        """Return the place of the shown item among the selected items, and their number.
+
+        The place is 1 for the earliest item, and 0 if there are no items.
+        """
         items = self.items()
         item = self._item_of(items)
         return (0 if item is None else len(items) - items.index(item)), len(items)
 
     def nodes(self) -> list[Row]:
-        """Return the diagnostics of the nodes of the lane, which are collected once a second."""
+        """Return the diagnostics of the nodes of the lane, which are updated once a second."""
         return self.drawing.each_second('nodes', self._nodes)
 
     def _nodes(self) -> list[Row]:
@@ -117,7 +121,8 @@ class Look:
 class View(ABC):
     """Panel on the page of a lane.
 
-    A view shows the present state, so a slow browser skips items and never delays the line.
+    A view shows only the present state. A slow browser therefore skips items, and never delays the
+    line.
 
     Attributes
     ----------
@@ -145,14 +150,14 @@ class View(ABC):
         self._build()
 
     def update(self) -> None:
-        """Show the present state if it has changed since the last call."""
+        """Show the present state if it has changed since the previous call."""
         state = self._state()
         if state != self._shown:
             self._shown = state
             self._show()
 
     def _state(self) -> object:
-        """Return a value that changes if the view must be updated."""
+        """Return a value that changes when the view must be updated."""
         return self.lane.version, self.look.chosen, self.look.only_faults, self.look.span
 
     @abstractmethod
@@ -171,7 +176,7 @@ class FigureView(View):
 
     @classmethod
     def figure(cls, look: Look) -> str:
-        """Return the figure as JSON. It is drawn again for a new item, product or batch."""
+        """Return the figure as JSON, which is cached until an item, product or batch is new."""
         if look.span is not None:
             return json.dumps(cls._draw(look))
         state = look.drawing.of_items()
