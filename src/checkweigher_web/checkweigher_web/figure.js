@@ -1,11 +1,11 @@
 // Copyright 2026 Checkweigher maintainers
 // SPDX-License-Identifier: Apache-2.0
-// Figure of ECharts. Its options are one text, which the server makes once for all viewers.
-// Colours are names of CSS variables, so that each browser draws them in its own theme.
+// Figure that ECharts draws. Its options are one text, which the server makes once for all viewers.
+// A colour in the options is the name of a CSS variable, so that each browser uses its own theme.
 import { echarts } from "nicegui-echart";
 
-// Colours of the CSS variables by the classes of the body, which select the theme. They are looked
-// up once, because each look makes the browser compute the styles of the page.
+// Colours of the CSS variables, by the classes of the body, which select the theme. Each colour is
+// looked up only once, because a lookup makes the browser compute the styles of the page.
 const known = {};
 
 export default {
@@ -42,7 +42,7 @@ export default {
   },
   methods: {
     draw() {
-      if (!this.$el.clientWidth) return; // ECharts needs a size at the start.
+      if (!this.$el.clientWidth) return; // ECharts cannot start in an element without a size.
       this.shown = this.text;
       const colour = name => this.colour(name);
       if (this.theme !== colour("--card")) {
@@ -57,7 +57,7 @@ export default {
       for (const each of options.dataZoom ?? []) Object.assign(each, this.zoom);
       this.chart.setOption(options, { notMerge: true });
     },
-    // Show the whole axis again.
+    // Show the whole time axis again.
     whole() {
       this.zoom = undefined;
       this.draw();
@@ -85,7 +85,7 @@ export default {
       const axis = { axisLabel: text, nameTextStyle: text, axisLine: { lineStyle: text },
                      axisTick: { lineStyle: text },
                      splitLine: { lineStyle: { color: colour("--line") } } };
-      // Numbers as the language of the page writes them.
+      // Format numbers in the language of the page.
       const numbers = new Intl.NumberFormat(
         document.documentElement.lang, { maximumFractionDigits: 6 });
       const shown = value => typeof value === "number" ? numbers.format(value) : value;

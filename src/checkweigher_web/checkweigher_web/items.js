@@ -1,9 +1,9 @@
 // Copyright 2026 Checkweigher maintainers
 // SPDX-License-Identifier: Apache-2.0
 // List of items, recipes or users. Its rows are one text, which the server makes once for all
-// viewers. A row is a key, an item number, a decision, and the texts of the other columns. Recipes
-// and users have a name as number and no decision. The Tab key enters the list at one row, and the
-// arrow keys move between the rows.
+// viewers. A row contains a key, an item number, a decision, and the texts of the other columns. In
+// lists of recipes and users, it contains a name instead of the number, and an empty decision. The
+// Tab key enters the list at one row, and the arrow keys move between the rows.
 export default {
   template: `
     <table class="plain">

@@ -1,7 +1,8 @@
 // Copyright 2026 Checkweigher maintainers
 // SPDX-License-Identifier: Apache-2.0
-// Production figures with their course over time, and bars of the rules for the batch. A bar is full
-// if the margin of its rule is used up. The server makes the text once for all viewers.
+// Production figures with their course over time, and bars for the rules of the batch. A bar is
+// full if the margin of its rule is used up. The content is one text in JSON, which the server makes
+// once for all viewers.
 export default {
   template: `
     <div class="figures">

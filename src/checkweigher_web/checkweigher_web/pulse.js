@@ -1,18 +1,18 @@
 // Copyright 2026 Checkweigher maintainers
 // SPDX-License-Identifier: Apache-2.0
-// Age, clock, theme and full-screen mode of the page. Without beats of the server, the browser
-// greys the page.
-const LATE = 3000; // age in ms from which the page is grey: three periods of the server
-const APART = 5000; // clock difference in ms between browser and line from which the page shows it
-const IDLE = 600000; // time in ms without items, alarms and touches until a full screen is dimmed
+// Age, clock, theme and full-screen mode of the page. The server sends a heartbeat each second. If
+// the heartbeats stop, the browser greys the page.
+const LATE = 3000; // age in ms from which the page is grey: three periods of the heartbeat
+const APART = 5000; // difference in ms between the clocks of browser and line that is shown
+const IDLE = 600000; // time in ms without items, alarms or touches until a full screen is dimmed
 const THEME = "checkweigher-theme";
 
 export default {
   template: `
     <div><div class="late" role="alert">{{ text }}</div>
     <div class="apart" role="status">{{ apart }}</div></div>`,
-  // Age of the state in s and its time as text, time of the line in ms, and a text that wakes the
-  // screen when it changes.
+  // `age` of the state in s, its time `since` as text, time of the line `now` in ms, and the text
+  // `wakes`, whose changes wake a dimmed screen.
   props: { beat: Number, age: { type: Number, default: 0 }, since: String, now: Number,
            wakes: String, texts: Object },
   data: () => ({ came: performance.now(), touched: performance.now(), text: "", apart: "" }),

@@ -1,7 +1,7 @@
 // Copyright 2026 Checkweigher maintainers
 // SPDX-License-Identifier: Apache-2.0
-// Large display: mass, verdict as word and shape, age, and a scale with this item and the items
-// before it. The server makes the text once for all viewers.
+// Large display of an item: mass, verdict as word and shape, age, and a scale that also shows the
+// items before it. The content is one text in JSON, which the server makes once for all viewers.
 const OLD = 10; // age in s from which a reading is grey
 const SHAPES = {
   ACCEPT: "M12 2a10 10 0 1 0 0 20a10 10 0 1 0 0-20M7 12.5l3.5 3.5l6.5-7.5",
@@ -32,7 +32,7 @@ export default {
       <div class="about">{{ item.about }}</div>
       <div class="why" v-if="item.why">{{ item.why }}</div>
     </div>`,
-  // Age in s, or -1 without an age, and whether the line stands.
+  // `age` in s, or -1 for a recorded item. `still` is true if the lane does not weigh.
   props: { text: { type: String, default: "{}" }, age: { type: Number, default: -1 },
            still: Boolean, texts: Object },
   data: () => ({ came: performance.now(), now: performance.now() }),

@@ -1,7 +1,7 @@
 // Copyright 2026 Checkweigher maintainers
 // SPDX-License-Identifier: Apache-2.0
-// Table whose rows are one text in JSON. A cell is a text, a text and the address of its link, or a
-// text with the name of its level, which has a colour, and its language.
+// Table whose rows are one text in JSON. A cell is a text, or a list with a text and the address of
+// its link, or a list with a text, the name of the level that colours it, and its language.
 
 export default {
   template: `

@@ -56,7 +56,7 @@ def _changes(
     reason: str,
     say: Language,
 ) -> tuple[str, ...]:
-    """Return a line per speed with the accuracy before and after training, and one on the choice."""
+    """Return a line per speed with the accuracy now and after training, and one for the choice."""
     if not names:
         return ()
     best = names[0]

@@ -144,7 +144,7 @@ class _Ruler:
 
 
 def _ruler(limits: Sequence[float], masses: Sequence[float]) -> _Ruler | None:
-    """Return a scale that covers the limits in g. With one limit or none, it covers the masses, too.
+    """Return a scale that covers the limits in g, and the masses, too, if there is at most one limit.
 
     Returns None if there are neither limits nor masses.
     """
