@@ -32,7 +32,7 @@ def nothing(text: str) -> Options:
 
 
 def figure(series: list[Options], x_name: str, y_name: str) -> Options:
-    """Return a figure of `series`. Its axes cover the range of the data, and may leave out 0."""
+    """Return a figure of `series`, whose axes cover the range of the data and may leave out 0."""
     axis = {'type': 'value', 'axisLine': {'onZero': False}}
     return {
         'animation': False,
@@ -51,7 +51,7 @@ def figure(series: list[Options], x_name: str, y_name: str) -> Options:
 
 
 def legend(series: Iterable[Options]) -> Options:
-    """Return the legend of `series`. It shows each line with the width and dash of its figure."""
+    """Return the legend of `series`, in which lines have the width and dash of the figure."""
     data = [
         {'name': each['name'], 'itemStyle': {'opacity': int(each['type'] != 'line')}}
         for each in series
@@ -76,7 +76,7 @@ def line(
 
 
 def symbols(name: str, x: NDArray[Any], y: NDArray[Any], symbol: str, size: int) -> Options:
-    """Return red symbols at the points `x`, `y` (n,). They are drawn above all lines."""
+    """Return red symbols at the points `x`, `y` (n,), which are drawn above all lines."""
     return {
         'type': 'scatter',
         'name': name,

@@ -67,7 +67,7 @@ def text_file_input(label: str, longest: int, take: Callable[[str], object]) -> 
 
 
 def told(text: str, say: Language) -> Told:
-    """Return a cell with the translation of a text. A text without one is marked as English."""
+    """Return a cell with the translation of a text. An untranslated text is marked as English."""
     return Told(say(text), lang='' if say.knows(text) else 'en')
 
 
@@ -77,7 +77,7 @@ def level_cell(level: Level, say: Language) -> Told:
 
 
 def show_told(label: ui.label, text: str, say: Language) -> None:
-    """Show the translation of a text in a label. A text without one is marked as English."""
+    """Show the translation of a text in a label. An untranslated text is marked as English."""
     label.set_text(say(text))
     label.props(f'lang={say.tag if say.knows(text) else "en"}')
 
@@ -111,8 +111,9 @@ class _FromText(ui.element):
 class Figure(_FromText, ui.echart, component='figure.js'):
     """Figure that ECharts draws from options in JSON. The base class `ui.echart` loads ECharts.
 
-    A `linked` figure has a time axis. It emits the event `span` with both ends of the selected part
-    of the axis, or with null for the whole axis, and the event `at` with the time of a click.
+    A `linked` figure has a time axis, and emits two events. The event `span` contains both ends of
+    the selected part of the axis, or null for the whole axis. The event `at` contains the time of a
+    click.
     """
 
     _of = 'text'

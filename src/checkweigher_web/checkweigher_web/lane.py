@@ -58,7 +58,7 @@ Span = tuple[int, int]  # start and end in ns
 
 @dataclass(frozen=True, slots=True)
 class BeltNoise:
-    """Standard deviation of the empty-belt signal in g, which arrived at `stamp` in ns."""
+    """Standard deviation in g of the signal of the empty belt, received at `stamp` in ns."""
 
     stamp: int
     grams: float
@@ -154,7 +154,7 @@ class Lane:
                     self.zero = record
                 case StopRequest() | None:
                     self.stop = record
-                case LoadCell():  # It announces a new stream of samples, so drop the previous one.
+                case LoadCell():  # announces a new stream of samples: drop the previous one
                     self.load_cell = record
                     self._begin_stream()
                 case BeltNoise():  # Noise alone must not update the views each second.
@@ -233,7 +233,7 @@ class Lane:
         return RawSignal(cell, blocks, edges) if cell is not None and blocks else None
 
     def with_signals(self, item: ShownItem) -> ShownItem:
-        """Return an item with its window, or with raw samples as `with_window` does."""
+        """Return an item with its window and raw samples, as `with_window` does."""
         (windows,) = self._of(WeighWindow)
         window = next((each for each in reversed(windows) if _key(each) == item.key), None)
         return with_window(item, window, self._signal())
@@ -272,7 +272,7 @@ class Lane:
         return float(loads[len(loads) // 2 :].mean()), float(np.ptp(loads))
 
     def recording(self) -> Recording | None:
-        """Return the samples and edges of the time for which both are held, or None without it."""
+        """Return the samples and edges of the time for which the lane holds both, or None."""
         (references,) = self._of(Reference)
         signal = self._signal()
         if signal is None:

@@ -253,7 +253,7 @@ def _run(app: FastAPI, access: Access, listener: socket.socket) -> None:
     alive = partial(faulthandler.dump_traceback_later, HUNG, exit=True)
     for look in (access.expel, forget_waiting, alive):
         nicegui.timer(_LOOK_PERIOD, look)
-    # Print the address last, because a caller that has read it may send signals to the server.
+    # Print the address last, because a program that has read it may stop the server by a signal.
     code = access.first_code
     first = f'; {first_user(code)}' if code else ''
     nicegui.on_startup(lambda: print(f'page: {site.address}{first}', file=sys.stderr, flush=True))

@@ -34,7 +34,7 @@ from checkweigher_web.lane import ShownItem, Span, is_within, joined, with_windo
 from checkweigher_web.mass_series import MassSeries
 from checkweigher_web.raw_signal import RawSignal
 
-_BELT = 20 * NANOSECONDS  # duration in ns of the search for an empty belt before an item
+_BELT = 20 * NANOSECONDS  # duration in ns of the signal before an item that may show the empty belt
 _AROUND = NANOSECONDS  # margin in ns around a window, because its stamp is not exact
 
 _Cut = tuple[WeighWindow, int]  # window without its samples, and the number of samples
@@ -142,7 +142,7 @@ class Shift:
         return np.zeros(0) if stamp is None else self.signal.empty_belt(stamp - _BELT, stamp)
 
     def with_signals(self, item: ShownItem) -> ShownItem:
-        """Return an item with its window, or with raw samples as `with_window` does."""
+        """Return an item with its window and raw samples, as `with_window` does."""
         cut = self._cuts[self._items.index(item)]
         window = None if cut is None else self._read(*cut)
         window = None if window is None else self._denoiser.denoise(window)

@@ -17,7 +17,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from checkweigher_core.whole_file import check_new, write_whole
 
-_VALID = timedelta(days=825)  # longest validity that all browsers accept for such a certificate
+_VALID = timedelta(days=825)  # longest validity that browsers accept for a self-signed certificate
 
 
 class CertificateError(ValueError):
@@ -45,7 +45,7 @@ def make_certificate(names: Sequence[str], certificate: Path, key: Path) -> str:
         .issuer_name(subject)
         .public_key(secret.public_key())
         .serial_number(x509.random_serial_number())
-        .not_valid_before(now - timedelta(hours=1))  # The clock of a browser may be slow.
+        .not_valid_before(now - timedelta(hours=1))  # for browsers whose clock is slow
         .not_valid_after(now + _VALID)
         .add_extension(alternatives, critical=False)
         .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)

@@ -46,7 +46,7 @@ HEADERS = {
 LOGIN, LOGOUT, STYLE = '/login', '/logout', '/page.css'
 _PUBLIC = (LOGIN, STYLE, '/favicon.ico')
 _ASSETS, _SOCKET = '/_nicegui/', '/_nicegui_ws/'
-_SESSION = 'checkweigher.session'  # key in the scope of a request
+_SESSION = 'checkweigher.session'  # key of the session identifier in the scope of a request
 _UNANSWERED = 'No response returned.'  # message of Starlette after the browser has disconnected
 
 
@@ -61,7 +61,7 @@ class Access:
         # Browsers send a cookie to all ports of a host, so the cookie name contains the port.
         self.cookie = f'{"__Host-" if site.secure else ""}checkweigher-{site.port}'
         self._first_code = secrets.token_hex(5)
-        self._ended: set[str] = set()  # pages without a session at the last `expel`
+        self._ended: set[str] = set()  # pages without a session at the last call of `expel`
 
     @property
     def first_code(self) -> str:
@@ -148,14 +148,14 @@ class Guard:
                 raise
 
     def _foreign(self, connection: HTTPConnection, *, reads: bool) -> Response | None:
-        """Return an error response if a request is for or from another site, otherwise None."""
+        """Return an error response if the host or origin of a request is another site, or None."""
         site, host = self._access.site, connection.headers.get('host', '')
         if not site.serves(host):
             return Response('this page is not served by this name', 421)
         origin = connection.headers.get('origin')
         own = site.origin or f'{"https" if site.secure else "http"}://{host}'
         # Browsers send the origin with each request that may change something. Therefore only a GET
-        # or HEAD request may lack it.
+        # or HEAD request may lack the origin.
         if origin != own and not (origin is None and reads):
             return Response('this request comes from another site', 403)
         return None
@@ -195,7 +195,7 @@ def bind_events(access: Access) -> None:
     such as clicks, count as use of the session.
     """
     handlers = core.sio.handlers['/']
-    del handlers['log']  # By this event, a browser could write to the server log.
+    del handlers['log']  # It would let browsers write to the server log.
     for name in ('event', 'javascript_response', 'ack'):
         core.sio.on(name, partial(_handle, name, handlers[name], access))
 
@@ -210,7 +210,7 @@ def _handle(
 ) -> None:
     """Call the handler of an event if the socket belongs to the page that the message names.
 
-    The event is ignored if the page must not be shown any more.
+    The event is ignored if the viewer may no longer see the page.
     """
     given = message if isinstance(message, dict) else {}
     client = Client.instances.get(str(given.get('client_id')))

@@ -64,7 +64,7 @@ class LineHandler(logging.Handler):
 
 def log_in_lines() -> None:
     """Send the warnings and errors of all server libraries to a `LineHandler`."""
-    # These loggers have handlers of their own, which would write the records, too.
+    # Remove the handlers of these loggers, which would write the records a second time.
     for name in ('engineio.server', 'socketio.server'):
         logging.getLogger(name).handlers.clear()
     logging.basicConfig(handlers=[LineHandler()], force=True)
@@ -73,8 +73,8 @@ def log_in_lines() -> None:
 def forget_waiting() -> None:
     """Delete the pages whose browsers have not opened a socket, except the latest `WAITING` pages.
 
-    Each page takes 0.3 MiB. NiceGUI keeps it for a minute, so many requests could exhaust the
-    memory otherwise. A browser that opens the socket of a deleted page loads the page again.
+    Each page takes 0.3 MiB. NiceGUI keeps a page for a minute, so many requests could otherwise
+    exhaust the memory. A browser that opens the socket of a deleted page loads the page again.
     """
     waiting = [client for client in Client.instances.values() if client.environ is None]
     for client in waiting[:-WAITING]:

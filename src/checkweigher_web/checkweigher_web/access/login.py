@@ -45,7 +45,7 @@ _NO_USER = Text(
 
 
 def first_user(code: str) -> str:
-    """Return the line for the terminal with the code that adds the first user."""
+    """Return the line for the terminal that contains the code for the first user."""
     return f'no user yet: log in with the code {code} to make the first one'
 
 
@@ -59,7 +59,7 @@ def logout_form(token: str, say: Language) -> str:
 
 
 def add_login(app: FastAPI, access: Access, style: Path) -> None:
-    """Add the login, the logout and the style sheet of the login to an application."""
+    """Add the routes of the login, the logout and their style sheet to an application."""
     forms = _Forms(access)
     app.add_api_route(STYLE, lambda: FileResponse(style, media_type='text/css'), methods=['GET'])
     app.add_api_route(LOGIN, forms.show, methods=['GET'])
@@ -73,7 +73,7 @@ class _Forms:
     def __init__(self, access: Access) -> None:
         self._access = access
         self._log = get_logger('page')
-        self._turn = asyncio.Lock()  # allows one password check at a time: 0.1 s, 64 MiB
+        self._turn = asyncio.Lock()  # one password check at a time: it takes 64 MiB
         self._form_cookie = f'{access.cookie}-form'
         self._cookie: dict[str, Any] = {
             'httponly': True,
@@ -95,7 +95,8 @@ class _Forms:
         say = language_of(request.headers, request.cookies)
         text = escape(say('Look without a login'))
         link = f'<p><a href="/">{text}</a></p>'
-        if code := self._access.first_code:  # The line from the start may have scrolled away.
+        # Print the code again, because the line from the start may have scrolled away.
+        if code := self._access.first_code:
             print(f'page: {first_user(code)}', file=sys.stderr, flush=True)
         first = _FIRST.format(text=escape(say(_NO_USER)), code=escape(say('Code')))
         page = _PAGE.format(

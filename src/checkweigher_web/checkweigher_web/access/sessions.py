@@ -67,5 +67,5 @@ class Sessions:
 
 
 def _rights(user: User | None) -> tuple[Role, str] | None:
-    """Return the role and the password hash. A signature may change the keys of a user."""
+    """Return the role and the password hash, but not the keys, which a signature may change."""
     return (user.role, user.hash) if user else None

@@ -59,7 +59,7 @@ class Site:
 
         On the loopback address, only `self.host` and localhost are served, because another web site
         could point its own name to this machine. On other addresses, the TLS certificate protects
-        against this. Behind a reverse proxy, only the name of the proxy is served.
+        against this. Behind a reverse proxy, only requests for its name are served.
         """
         if self.origin:
             return host.lower() == urlsplit(self.origin).netloc
@@ -73,7 +73,7 @@ class Site:
         be served.
         """
         if (self.certificate is None) != (self.key is None):
-            raise PageError('--certificate and --key: one needs the other')
+            raise PageError('--certificate and --key: give both options, or neither')
         if not self.idle > 0:
             raise PageError(f'--idle {self.idle:g}: must be above 0')
         users = self.users or default_users()

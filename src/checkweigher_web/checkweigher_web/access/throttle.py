@@ -19,15 +19,15 @@ class Throttle:
     """Waiting times after successive failures of a key, which is an account or an address.
 
     The time is 1 s after the third failure, and doubles with each further failure up to 5 min. A
-    login resets the failures of its account and of its address. It resets the address, too, because
-    all users at the belt share one address. The failures of other accounts still count, because
-    otherwise a user could guess the passwords of other users between own logins. `clock` returns
+    login resets the failures of its account, and also those of its address, because all users at
+    the belt share one address. The failures of other accounts still count. Otherwise, a user who
+    guesses the passwords of other users could reset their waiting times by a login. `clock` returns
     the time in s.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        self._failures: dict[str, tuple[int, float]] = {}  # count, and time of the latest in s
+        self._failures: dict[str, tuple[int, float]] = {}  # failure count, time of the latest in s
 
     def wait(self, *keys: str) -> float:
         """Return the time in s until the next attempt with these keys is allowed."""

@@ -32,7 +32,7 @@ from checkweigher_validation.batch.signing import Signable, SigningError
 SHORTEST, LONGEST = 8, 128  # minimum and maximum number of characters of a password
 _MODE = 0o600
 _OF_OTHERS = 0o077
-_COST = 3, 65_536, 4  # passes, memory in KiB and threads of RFC 9106 for low memory
+_COST = 3, 65_536, 4  # iterations, memory in KiB and threads of RFC 9106 for low memory
 _HASHER = PasswordHasher()  # argon2id with the parameters of RFC 9106 for low memory
 
 
@@ -74,7 +74,7 @@ class User(Settings):
 
 
 def signing_key(path: Path, user: User, password: str) -> Ed25519PrivateKey:
-    """Derive the private key with which a user signs from the password, and return the key.
+    """Derive the private key for signatures of a user from the password, and return the key.
 
     A new password gives a new key. The first call for a key adds its public key to the users file.
     """
@@ -206,7 +206,7 @@ def write_users(path: Path, users: dict[str, User]) -> None:
     """Write a users file that only its owner may read.
 
     Raises `OutputError` if the file cannot be written, and `SettingsError` if the previous file is
-    not valid. The previous file is then kept.
+    not valid. In both cases, the previous file is kept.
     """
     known = _read(path) if path.exists() else UsersFile()
     try:

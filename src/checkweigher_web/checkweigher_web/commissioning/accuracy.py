@@ -14,7 +14,7 @@ _CHOSEN = 'chosen: '
 
 
 class Matrix(NamedTuple):
-    """Table of the accuracy on held-out passes, with lines on the effect of the training."""
+    """Table of the accuracy on held-out passes, and lines of text on the effect of training."""
 
     heads: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]  # the chosen estimator first, then by accuracy
@@ -22,7 +22,7 @@ class Matrix(NamedTuple):
 
 
 def matrix_of(lines: Sequence[str], say: Language = ENGLISH) -> Matrix:
-    """Return the matrix for the lines that `accuracy_lines` returns. Without lines, it is empty."""
+    """Return the matrix for the lines of `accuracy_lines`. Without lines, the matrix is empty."""
     found: dict[str, dict[str, float]] = {}
     chosen, reason = '', ''
     for line in lines[1:]:

@@ -17,7 +17,7 @@ from checkweigher_web.languages.wording import in_words
 from checkweigher_web.work.dialogs import field, mass_in, number_in
 from checkweigher_web.work.services import ActionRefusedError
 
-_MANY = 100_000  # the number of passes must be less than this
+_MANY = 100_000  # upper bound of the number of passes, exclusive
 _PHASES = {
     'reading': Text('reading the passes'),
     'preparing': Text('preparing the estimators'),
@@ -89,7 +89,7 @@ class DynamicStep(Step):
             self._show_table()
 
     def _progress(self, said: DynamicSetting) -> tuple[float, str]:
-        """Return the completed fraction of an action, or NaN if none runs, and a state text."""
+        """Return the completed fraction of an action, or NaN if none runs, and a text for it."""
         if said.state == DynamicSetting.RECORDING:
             text = Text(
                 '{count} of {wanted} passes of {mass}: let the product pass',
@@ -110,7 +110,7 @@ class DynamicStep(Step):
         return float(found.progress), text
 
     async def _trained(self) -> list[str]:
-        """Return the accuracy of trained parameters that are not accepted yet, or [] if none."""
+        """Return the accuracy table of trained parameters that are not accepted yet, by lines."""
         try:
             return (await self.services.message(ports.SHOW_TUNED)).splitlines()
         except ActionRefusedError:

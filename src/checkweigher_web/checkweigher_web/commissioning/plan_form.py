@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Form for a verification plan. It reads its values from the text of the plan, and changes it."""
+"""Form for a verification plan. Its values are read from, and written to, the plan as text."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
@@ -193,7 +193,7 @@ def _sections(text: str) -> dict[str, Any]:
     with opened(text) as content:
         found = plain(content)
     if not isinstance(found, dict):
-        raise ParameterError('it is not a YAML mapping of keys to values')
+        raise ParameterError('the plan must be a YAML mapping of keys to values')
     return found
 
 

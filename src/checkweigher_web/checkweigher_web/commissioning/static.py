@@ -36,7 +36,7 @@ class StaticStep(Step):
         self._table = Table(heads)
 
     def standing(self) -> Standing:
-        """Return whether a calibration was written, and a text with its version or the readings."""
+        """Return whether a calibration was written, with its version or the number of readings."""
         readings = self.services.readings
         if readings:
             text = Text('{count} read, not written yet', count=len(readings))

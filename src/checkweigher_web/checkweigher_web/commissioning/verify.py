@@ -118,7 +118,7 @@ class VerifyStep(Step):
         self._form.clear()
         try:
             fields, tests = fields_of(text), chosen_tests(text)
-        except ParameterError:  # The summary shows the error, and no form is shown.
+        except ParameterError:  # Show no form. The summary shows the error.
             fields, tests = [], set()
         with self._form:
             for entry, value in fields:
@@ -235,7 +235,7 @@ class VerifyStep(Step):
         await self.perform(Text('break off verification'), end)
 
     async def _answer(self, answer: StepAnswer, what: Text) -> None:
-        """Answer the question on the page. The verifier refuses this if it now asks another one."""
+        """Answer the question on the page. The verifier refuses an answer to an older question."""
         seen = self._said
         if seen is None or not seen.steps:
             return

@@ -28,7 +28,7 @@ class ZeroStep(Step):
         self._state.set_text(self.say('Zero: {state}', state=self.standing().text))
 
     def standing(self) -> Standing:
-        """Return whether a zero is known, with its time and its offset from the calibration."""
+        """Return whether a zero is known, with its time and its offset from the calibrated zero."""
         zero = self.lane.zero
         if zero is None:
             return Standing(False, Text('not set yet'))

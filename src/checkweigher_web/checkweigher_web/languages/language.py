@@ -32,8 +32,8 @@ class Mass(float):
 class Text(str):
     """English text that `Language` can translate later, with values for its placeholders.
 
-    As a string, it is English with masses in g, because the audit log needs this. A value may be
-    another `Text`, a `Mass`, an integer, or a name, which is not translated.
+    The string itself is English, with masses in g, because the audit log needs such a text. A value
+    may be another `Text`, a `Mass`, an integer, or a name, which is not translated.
     """
 
     __slots__ = ('template', 'values')
@@ -71,7 +71,7 @@ class Language:
         return self.filled(self._texts.gettext(text) if text else '', values)
 
     def plural(self, one: str, many: str, count: int, /, **values: object) -> str:
-        """Return the translation of `one`, or of `many` unless `count` is 1, with its values."""
+        """Return the translation of `one`, or of `many` unless `count` is 1, filled with values."""
         return self.filled(self._texts.ngettext(one, many, count), {'count': count, **values})
 
     def filled(self, template: str, values: Mapping[str, object]) -> str:
@@ -103,15 +103,21 @@ class Language:
         return f'{shown:{sign}.{digits}f}'.replace('.', self.point) + unit
 
     def entry(self, value: float) -> str:
-        """Return the shortest text for a number with up to 9 significant digits, for an input."""
+        """Return the shortest text for a number with up to 9 significant digits, for a field."""
         return f'{value:.9g}'.replace('.', self.point)
 
     def amount(self, mass: float, digits: int = 3, sign: str = '') -> str:
-        """Return the text for a mass in kg, without unit. `digits` counts the decimals in g."""
+        """Return the text for a mass in kg, without unit.
+
+        `digits` is the number of decimals of a mass in g. Other units have `more_digits` more.
+        """
         return self.number(self.per_kg * mass, digits + self.more_digits, sign=sign)
 
     def mass(self, mass: float, digits: int = 3, sign: str = '') -> str:
-        """Return the text for a mass in kg, with unit. `digits` counts the decimals in g."""
+        """Return the text for a mass in kg, with unit.
+
+        `digits` is the number of decimals of a mass in g. Other units have `more_digits` more.
+        """
         return self.number(self.per_kg * mass, digits + self.more_digits, f' {self.unit}', sign)
 
     def short(self, mass: float) -> str:
@@ -127,7 +133,7 @@ class Language:
 
 @cache
 def language(name: str = _SOURCE, unit: str = 'g') -> Language:
-    """Return a language. All viewers with the same choice share it, because it is a cache key."""
+    """Return a language, which all viewers with the same choice share, as it is a cache key."""
     return Language(name, unit)
 
 

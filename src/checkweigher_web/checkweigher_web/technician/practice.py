@@ -29,7 +29,8 @@ _TEXT = Text(
     'fault, and find it on this page. A change takes up to two seconds. It holds until it is taken '
     'back, or until the driver is started again. An empty field is as configured.'
 )
-_FARTHEST = 60  # largest displacement of an eye in mm
+# Largest displacement of an eye in mm.
+_FARTHEST = 60
 # Fields for numbers: parameter, label, unit, and factor from the parameter to the unit. The unit ''
 # and the factor 0 stand for masses, which are in the unit of the user.
 _NUMBERS = (
@@ -64,7 +65,7 @@ class Practice:
 
 
 class PracticeView(View):
-    """View of a simulated machine from above, for technicians. It is hidden for a real machine."""
+    """View of a simulated machine from above, for technicians. A real machine has no such view."""
 
     title = Text('Practice: the simulated machine from above')
     columns = 2, 12

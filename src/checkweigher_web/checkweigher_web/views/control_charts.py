@@ -13,7 +13,8 @@ from checkweigher_web.languages.language import ENGLISH, Language, Text
 from checkweigher_web.mass_series import MassSeries
 from checkweigher_web.views.view import FigureView, Look
 
-_ROOM = 0.05  # margin above and below the data and limits, as a fraction of their range
+# Margin above and below the data and limits, as a fraction of their range.
+_ROOM = 0.05
 # Symbols that mark the violations of each rule of the control chart.
 _SYMBOLS = {
     Text('beyond the limits'): 'diamond',

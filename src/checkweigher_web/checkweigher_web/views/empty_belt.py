@@ -20,8 +20,8 @@ _LEAST = 128  # minimum number of samples for a spectrum
 _PROMINENCE = 4.0  # minimum amplitude of a line, relative to the median of the bins around it
 _SURROUNDING = 10  # number of bins on each side of a line from which the median is computed
 _MAX_LINES = 6
-# Largest relative difference between the frequency of a line and a mains frequency, and between it
-# and the natural frequency of the platform, at which this is named as the possible cause.
+# Largest relative difference of the frequency of a line from a mains frequency that may cause the
+# line, and from the natural frequency of the platform.
 _NEAR, _PLATFORM = 0.02, 0.15
 _FLOOR = 12.0  # highest frequency of building vibrations in Hz
 _MAINS = (50.0, 60.0, 100.0, 120.0)  # mains frequencies and their second harmonics in Hz

@@ -96,7 +96,7 @@ class Scene:
 
 
 def fault_marks(scene: Scene) -> list[Mark]:
-    """Return the marks that explain a fault in its signal, in the order of its reasons."""
+    """Return the marks that explain a fault, in the order of its reasons."""
     finders = (_FINDERS[Reason(each)] for each in scene.reasons if each in _FINDERS)
     return [mark for find in finders for mark in find(scene)]
 

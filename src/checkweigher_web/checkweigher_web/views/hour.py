@@ -23,14 +23,16 @@ from checkweigher_web.views.fault_marks import Scene, empty_belt
 from checkweigher_web.views.view import SLOW, View
 
 _INTERVALS = 60
-_SHORTEST = 10 * NANOSECONDS  # shortest interval in ns
+# Shortest interval in ns.
+_SHORTEST = 10 * NANOSECONDS
 # Number of items from which the figure of a running lane is drawn only every `_RARELY` s.
 _MANY, _RARELY = 1000, 10
 _TICK = NANOSECONDS // 2  # width in ns of a bin, in which accepted items share one tick
-_HEIGHTS = 34, 62, 84, 62, 50, 34  # heights of the charts in px
+# Heights of the charts in px.
+_HEIGHTS = 34, 62, 84, 62, 50, 34
 
 
-# Messages if there is no other item, by whether it must be a fault and whether it must be later.
+# Messages if there is no other item, by whether only faults count and whether it must be later.
 _NO_MORE = {
     (False, True): Text('no item after it'),
     (False, False): Text('no item before it'),
@@ -235,7 +237,7 @@ def _events(name: str, events: Sequence[tuple[int, str]], symbol: str, color: st
 def _read_empty_belts(drawing: Drawing) -> dict[int, float]:
     """Return the reading of the empty belt in g before each item with ZERO_OUT_OF_RANGE.
 
-    The readings are by the stamp in ns of the item. A reading is NaN if the samples of the empty
+    The keys are the stamps of the items in ns. A reading is NaN if the samples of the empty
     belt are missing. The readings are cached, because the lane soon drops its samples.
     """
     readings: dict[Key, float] = drawing.once('readings', None, dict)

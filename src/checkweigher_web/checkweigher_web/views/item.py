@@ -34,7 +34,7 @@ ENDED = {
 
 
 class ItemView(View):
-    """Mass and verdict of the latest item, with a scale. It is grey if the lane does not weigh."""
+    """Mass and verdict of the latest item with a scale, in grey if the lane does not weigh."""
 
     title = Text('Item')
     columns = 2, 12
@@ -90,8 +90,8 @@ def reading(
 ) -> dict[str, object]:
     """Return the reading of an item, with a scale.
 
-    `items` contains the item and those before it, the latest first. The scale shows the first
-    `_DOTS` of them.
+    `items` contains the item and those before it, the latest first. The scale shows at most
+    the first `_DOTS` of `items`.
     """
     verdict = item.verdict
     return {
@@ -144,7 +144,7 @@ class _Ruler:
 
 
 def _ruler(limits: Sequence[float], masses: Sequence[float]) -> _Ruler | None:
-    """Return a scale that covers the limits in g, and the masses, too, if there is at most one limit.
+    """Return a scale for limits in g, and also for masses in g if there are less than two limits.
 
     Returns None if there are neither limits nor masses.
     """

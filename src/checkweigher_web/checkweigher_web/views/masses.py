@@ -77,8 +77,8 @@ def _bounds(masses: NDArray[np.float64], latest: Verdict | None) -> NDArray[np.f
     if len(limits) > 1 and limits[1] > limits[0]:
         width = (limits[1] - limits[0]) / math.ceil((limits[1] - limits[0]) / width)
     first, last = ((end - origin) / width for end in (masses.min(), masses.max()))
-    # Only the last bin includes its upper bound. Its bound is therefore above the largest mass, so
-    # that a mass at a limit is always in the bin above the limit.
+    # Only the last bin of a histogram includes its upper bound. The last bound is therefore above
+    # the largest mass, so that a mass at a limit is always in the bin above the limit.
     return origin + width * np.arange(math.floor(first), math.floor(last) + 2)
 
 

@@ -220,8 +220,8 @@ def _scene_chart(scene: Scene, marks: Sequence[Mark]) -> Options:
         seen = [((e.stamp - origin) / 1e6, e.blocked, True) for e in scene.edges_of(eye)]
         lost = {name: at for name, at in missing.items() if EDGES[name][0] == eye}
         edges = seen + [(at, EDGES[name][1], False) for name, at in lost.items()]
-        # An eye that is blocked at the left end has detected the start of this blockage, unless the
-        # blockage is that of the item itself and its edge is not known.
+        # If the start of the blockage by this item is not known, a bar at the left end may be the
+        # bar of this item. The eye has then not detected the start of the bar.
         was_seen = ('t1' if eye == Eye.INFEED else 't3') in {*scene.times, *missing}
         bars = _bars(sorted(edges), _ROWS[eye][1], shown, was_seen=was_seen)
         figure['series'] += _row_of_eye(eye, bars, list(lost.values()), say)

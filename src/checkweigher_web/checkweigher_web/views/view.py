@@ -170,13 +170,13 @@ class View(ABC):
 
 
 class FigureView(View):
-    """View with one figure of many items. `label` is its English name for screen readers."""
+    """View with one figure of many items. Screen readers read the translation of `label`."""
 
     label: ClassVar[str]
 
     @classmethod
     def figure(cls, look: Look) -> str:
-        """Return the figure as JSON, which is cached until an item, product or batch is new."""
+        """Return the figure as JSON, which is cached until an item, a product or a batch is new."""
         if look.span is not None:
             return json.dumps(cls._draw(look))
         state = look.drawing.of_items()

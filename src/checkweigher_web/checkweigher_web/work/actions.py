@@ -142,7 +142,7 @@ def _in_use(services: LaneServices) -> ProductOnLine:
 
 
 async def set_limits(services: LaneServices, wanted: MassLimits) -> str:
-    """Set both limits. If they are refused, neither is changed."""
+    """Set both limits. If the node refuses them, neither limit is changed."""
     if wanted.lower > wanted.upper:  # Refused here, because the node would give masses in kg.
         text = Text(
             'the lower limit, {lower}, is above the upper one, {upper}',

@@ -47,7 +47,7 @@ def work_of(desk: Desk) -> dict[str, Callable[[], Awaitable[None]]]:
 
 
 def work_bar(look: Look) -> None:
-    """Show a button for each main action. The lane determines whether Start or Stop is shown."""
+    """Show a button for each main action. The state of the lane selects Start, Stop or both."""
     with named(ui.element('nav').classes('work'), look.say('Work on the machine')):
         buttons = {each: ui.button(look.say(each), on_click=look.work[each]) for each in _MAIN}
     for button in buttons.values():
@@ -172,7 +172,8 @@ async def _show_practice(desk: Desk, services: LaneServices) -> None:
 
 
 _KEEP, _NEW_BATCH, _PRACTICE = Text('Keep item'), Text('New batch'), Text('Practice')
-_MAIN = 'Start', 'Stop', 'Product', 'New batch', 'Zero'  # with buttons; others are in the menu
+# Actions with a button. The others are in the menu.
+_MAIN = 'Start', 'Stop', 'Product', 'New batch', 'Zero'
 # Label, lowest role and function of each dialog. To add a dialog, add a function and a row here.
 _ACTIONS: tuple[tuple[Text, Role, _Begin], ...] = (
     (Text('Product'), Role.OPERATOR, _product),

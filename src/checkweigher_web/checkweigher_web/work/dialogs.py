@@ -242,7 +242,7 @@ def ask(
 
     `title`, `text`, and the label `verb` of the button are English texts. Each function in `fields`
     adds a field and returns its element. `plan` is called with these elements when the user
-    confirms. It returns the name of the action in the audit log and the action, or raises
+    confirms. `plan` returns the name of the action in the audit log and the action, or raises
     `ActionRefusedError` if a field is not valid. `role` is the lowest role that may confirm.
     """
     dialog = Dialog(title, desk.say, Text('Cancel'))

@@ -21,7 +21,7 @@ _ELSE = Text('record the line, and cut the item out with checkweigher keep')
 
 
 class Keeper:
-    """Writer of items to a folder, which weighs each item again. It writes one item at a time."""
+    """Writer of items to a folder, which weighs each item again and writes one item at a time."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder

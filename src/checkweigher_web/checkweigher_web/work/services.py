@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Clients of the services and actions of a lane, which write users to the audit log."""
+"""Clients of the services and actions of a lane, which record their users in the audit log."""
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping, Sequence
@@ -39,9 +39,10 @@ from checkweigher_core.ros.services import (
 from checkweigher_core.ros.spinner import Spinner
 from checkweigher_web.languages.language import Text
 
-_DISCOVERY = 3.0  # maximum time in s until a service is discovered
-_PATIENCE = 120.0  # maximum time in s until an answer; some nodes wait until a load is at rest
 _LOOK_PERIOD = 1.0  # s
+_DISCOVERY = 3.0  # maximum time in s until a service is discovered
+# Maximum time in s until an answer. Some nodes answer only when a load is at rest.
+_PATIENCE = 120.0
 
 # Type of each service and the node that serves it, by the name of the service in the lane.
 _SERVICES: dict[str, tuple[Any, str]] = {
@@ -94,18 +95,18 @@ class Person:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Outcome of an action, and a text for the user. If it is not a `Text`, it is English."""
+    """Outcome of an action, and a text for the user, which is English unless it is a `Text`."""
 
     done: bool
     text: str
 
 
 class LoadRead(NamedTuple):
-    """Reading of a load at rest, converted to a mass with the previous calibration."""
+    """Reading of a load by the previous calibration, and its standard uncertainty, both in kg."""
 
     load: Text  # text on the load for the user
-    mass: float  # kg
-    uncertainty: float  # standard uncertainty of the reading in kg
+    mass: float
+    uncertainty: float
 
 
 # User who performs an action in the running task, and the reason of the action.
@@ -113,7 +114,7 @@ ACTING: ContextVar[tuple[Person, str] | None] = ContextVar('acting', default=Non
 
 
 class LaneServices(PortNode):
-    """Clients of the services and actions of a lane. Only the page thread may use them.
+    """Clients of the services and actions of a lane, which only the page thread may use.
 
     Attributes
     ----------
