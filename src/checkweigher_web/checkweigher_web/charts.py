@@ -120,8 +120,8 @@ def mark_lines(places: Mapping[str, float], axis: str = 'xAxis') -> Options:
 def mark_apart(figure: Options, places: Mapping[str, float]) -> None:
     """Mark positions on the x axis of a figure with labels that do not overlap.
 
-    `places` maps each label to its position. The server does not know the width of the figure in
-    the browser. Labels that would overlap on a phone are therefore stacked.
+    `places` maps each label to its position. Labels that would overlap on a phone are stacked,
+    because the server does not know the width of the figure in the browser.
     """
     axis = figure['xAxis']
     scale = _NARROWEST / ((axis['max'] - axis['min']) or 1.0)

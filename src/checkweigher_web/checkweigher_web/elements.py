@@ -96,8 +96,8 @@ def menu_entry(text: str, click: Callable[[], object]) -> Element:
 class _FromText(ui.element):
     """Element whose content is one text in JSON, in the property that `_of` names.
 
-    NiceGUI compares the properties of an element for each viewer. The content is one text, because
-    one text is cheaper to compare than many cells or options.
+    The content is one text, because NiceGUI compares the properties of an element for each viewer,
+    and one text is cheaper to compare than many cells or options.
     """
 
     _of = 'rows'

@@ -154,8 +154,8 @@ class Guard:
             return Response('this page is not served by this name', 421)
         origin = connection.headers.get('origin')
         own = site.origin or f'{"https" if site.secure else "http"}://{host}'
-        # Browsers send the origin with each request that may change something. Therefore only a GET
-        # or HEAD request may lack the origin.
+        # Only a GET or HEAD request may lack the origin, because browsers send the origin with all
+        # other requests.
         if origin != own and not (origin is None and reads):
             return Response('this request comes from another site', 403)
         return None
@@ -191,8 +191,8 @@ def _bound(scope: Scope, identifier: str) -> Scope:
 def bind_events(access: Access) -> None:
     """Accept the events of a page only from the sockets of this page.
 
-    NiceGUI itself accepts events from any socket that names the page. Events of the type `event`,
-    such as clicks, count as use of the session.
+    Otherwise, NiceGUI would accept events from any socket that names the page. Events of the type
+    `event`, such as clicks, count as use of the session.
     """
     handlers = core.sio.handlers['/']
     del handlers['log']  # It would let browsers write to the server log.

@@ -44,8 +44,8 @@ class PromptProtocol(HttpToolsProtocol):
 class LineHandler(logging.Handler):
     """Log handler that writes each record as one line, and at most one line per second.
 
-    The server libraries log malformed input with its line ends and with tracebacks. Without this
-    handler, such input could fill the log.
+    Without this handler, malformed input could fill the log, because the server libraries log it
+    with its line ends and with tracebacks.
     """
 
     def __init__(self) -> None:
@@ -73,8 +73,8 @@ def log_in_lines() -> None:
 def forget_waiting() -> None:
     """Delete the pages whose browsers have not opened a socket, except the latest `WAITING` pages.
 
-    Each page takes 0.3 MiB. NiceGUI keeps a page for a minute, so many requests could otherwise
-    exhaust the memory. A browser that opens the socket of a deleted page loads the page again.
+    Each page takes 0.3 MiB for a minute, so many requests could otherwise exhaust the memory. A
+    browser that opens the socket of a deleted page loads the page again.
     """
     waiting = [client for client in Client.instances.values() if client.environ is None]
     for client in waiting[:-WAITING]:

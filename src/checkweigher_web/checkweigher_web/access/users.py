@@ -102,7 +102,7 @@ def least_role(meaning: str) -> Role:
 
 
 def sign_by(path: Path, user: User, password: str, what: Signable, meaning: str) -> Signature:
-    """Sign a record for a user, who has entered the password again, and return the signature.
+    """Sign a record for a user who has entered the password again, and return the signature.
 
     Raises `SigningError` if the role is too low, the password is wrong, or another person must
     sign first.

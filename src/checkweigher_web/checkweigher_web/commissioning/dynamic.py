@@ -26,7 +26,7 @@ _PHASES = {
 
 
 class DynamicStep(Step):
-    """Step of the dynamic setting, which continues after the user leaves the page."""
+    """Step that performs the dynamic setting, even after the user leaves the page."""
 
     title = Text('Dynamic')
     to_do = Text(

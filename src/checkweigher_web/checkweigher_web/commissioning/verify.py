@@ -53,7 +53,7 @@ _LONGEST_FILE = 4 * LONGEST  # number of bytes of a file that are read
 
 
 class VerifyStep(Step):
-    """Step of the verification, which continues after the user leaves the page."""
+    """Step that performs a verification, even after the user leaves the page."""
 
     title = Text('Verify')
     to_do = Text(

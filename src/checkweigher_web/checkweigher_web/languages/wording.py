@@ -51,7 +51,7 @@ _TEXTS = {
 }
 
 
-# Messages of nodes that can be translated. The nodes write masses in kg.
+# Messages of nodes that can be translated. Masses in these messages are in kg.
 _MESSAGES = (
     Text('zeroed at {mass} from the zero of calibration'),
     Text('{count} alarms acknowledged'),

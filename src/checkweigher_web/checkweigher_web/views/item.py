@@ -144,7 +144,7 @@ class _Ruler:
 
 
 def _ruler(limits: Sequence[float], masses: Sequence[float]) -> _Ruler | None:
-    """Return a scale for limits in g, and also for masses in g if there are less than two limits.
+    """Return a scale for limits in g, and also for masses in g if there are fewer than two limits.
 
     Returns None if there are neither limits nor masses.
     """

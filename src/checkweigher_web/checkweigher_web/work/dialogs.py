@@ -101,7 +101,7 @@ class Desk:
         return outcome
 
     async def sign(self, what: Signable, meaning: str, password: str) -> Signature:
-        """Sign a record for the user, who has entered the password again.
+        """Sign a record for the user, after the user has entered the password again.
 
         Returns the signature. Raises `ActionRefusedError` if the user may not sign. After wrong
         passwords, the user must wait, as after failed logins.

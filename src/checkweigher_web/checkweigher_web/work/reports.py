@@ -46,7 +46,7 @@ def _file(services: LaneServices, kind: str, name: str, ending: str) -> Path | N
     if kind == BATCH and services.batch_folder is not None:
         beside = services.batch_folder / f'{name}{SUFFIX}'
         return services.batch_folder / f'{name}.{ending}' if beside.is_file() else None
-    # The name of a verification is the name of its folder. Refuse '..', which is the parent folder.
+    # Refuse '.' and '..', because the name of a verification is the name of its folder.
     if kind == VERIFICATION and services.verification is not None and name not in ('.', '..'):
         return Path(services.verification.folder) / VERIFICATIONS / name / f'report.{ending}'
     return None

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Clients of the services and actions of a lane, which record their users in the audit log."""
+"""Clients of the services and actions of a lane, with audit log entries on their users."""
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping, Sequence
@@ -39,10 +39,12 @@ from checkweigher_core.ros.services import (
 from checkweigher_core.ros.spinner import Spinner
 from checkweigher_web.languages.language import Text
 
-_LOOK_PERIOD = 1.0  # s
-_DISCOVERY = 3.0  # maximum time in s until a service is discovered
+# Maximum time in s until a service is discovered.
+_DISCOVERY = 3.0
 # Maximum time in s until an answer. Some nodes answer only when a load is at rest.
 _PATIENCE = 120.0
+# Period in s of the check whether a server still runs.
+_LOOK_PERIOD = 1.0
 
 # Type of each service and the node that serves it, by the name of the service in the lane.
 _SERVICES: dict[str, tuple[Any, str]] = {
