@@ -17,7 +17,7 @@ class Matrix(NamedTuple):
     """Table of the accuracy on held-out passes, and lines of text on the effect of training."""
 
     heads: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]  # the chosen estimator first, then by accuracy
+    rows: tuple[tuple[str, ...], ...]  # the chosen estimator first, the others by accuracy
     changes: tuple[str, ...]
 
 

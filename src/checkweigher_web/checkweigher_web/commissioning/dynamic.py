@@ -110,7 +110,7 @@ class DynamicStep(Step):
         return float(found.progress), text
 
     async def _trained(self) -> list[str]:
-        """Return the accuracy table of trained parameters that are not accepted yet, by lines."""
+        """Return the accuracy table of trained parameters that are not accepted yet, as lines."""
         try:
             return (await self.services.message(ports.SHOW_TUNED)).splitlines()
         except ActionRefusedError:

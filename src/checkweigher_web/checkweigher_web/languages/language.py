@@ -109,14 +109,16 @@ class Language:
     def amount(self, mass: float, digits: int = 3, sign: str = '') -> str:
         """Return the text for a mass in kg, without unit.
 
-        `digits` is the number of decimals of a mass in g. Other units have `more_digits` more.
+        `digits` is the number of decimals in g. A text in another unit has `more_digits` more
+        decimals.
         """
         return self.number(self.per_kg * mass, digits + self.more_digits, sign=sign)
 
     def mass(self, mass: float, digits: int = 3, sign: str = '') -> str:
         """Return the text for a mass in kg, with unit.
 
-        `digits` is the number of decimals of a mass in g. Other units have `more_digits` more.
+        `digits` is the number of decimals in g. A text in another unit has `more_digits` more
+        decimals.
         """
         return self.number(self.per_kg * mass, digits + self.more_digits, f' {self.unit}', sign)
 

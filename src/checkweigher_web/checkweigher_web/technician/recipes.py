@@ -175,7 +175,7 @@ class RecipesDialog(Dialog):
         try:
             with opened(str(self._more.value or '{}')) as more:
                 if not isinstance(more, dict) or _OWN & more.keys():
-                    raise SettingsError('write lines "key: value" of keys without a field')
+                    raise SettingsError('write lines "key: value", for keys without a field')
                 return keys | more
         except SettingsError as error:
             raise ActionRefusedError(Text('Further keys: {error}', error=str(error))) from None

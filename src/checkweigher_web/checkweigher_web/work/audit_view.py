@@ -30,7 +30,7 @@ _LONGEST = 200  # maximum number of characters of a name or a value
 
 @dataclass(frozen=True, slots=True)
 class AuditView:
-    """Texts about an audit log that the page shows."""
+    """Texts that the page shows about an audit log."""
 
     whole: bool
     conclusion: str  # conclusion of the command `audit`, or the reason why the log cannot be read
