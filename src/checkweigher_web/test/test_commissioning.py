@@ -47,7 +47,7 @@ class Trainee(Technician):
         self.until(lambda: self.line.noted('ben')[-1:] == [told])
 
     def read(self, load: float) -> None:
-        """Read a load when it is on the belt, until it is at rest and read."""
+        """Wait until a load is on the belt, and read the load when it is at rest."""
         self.until(lambda: self.fits(load))
         self.until_done('Read the load', f'{load:g} g: ' if load else 'empty belt: ')
 

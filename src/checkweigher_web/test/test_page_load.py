@@ -101,9 +101,9 @@ new MutationObserver(() => {
 
 
 class Clock:
-    """Times in s of the verdicts by the monotonic clock.
+    """Times in s of the verdicts on the monotonic clock.
 
-    `apart` is the difference to the system clock, which browsers use.
+    `apart` is the time in s by which the system clock, which browsers use, is ahead of this clock.
     """
 
     def __init__(self) -> None:

@@ -313,7 +313,7 @@ def test_a_session_ends_with_its_user_and_with_time(browser: Browser, users: Pat
 def test_a_page_loads_again_at_the_second_look_after_its_session_has_ended(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    """At the first look, the answer to the logout may not have arrived in the browser."""
+    """A browser may still be waiting for the answer to the logout at the first call of `expel`."""
     users = tmp_path / 'users'
     anna = User('anna', Role.VIEWER, '$argon2id$x')
     write_users(users, {'anna': anna})

@@ -27,7 +27,7 @@ for (const e of document.querySelectorAll(names)) {
 }
 return found;
 """
-# Without its font, an icon is a long word for a moment.
+# Wait for the fonts, because an icon is shown as a long word until its font is loaded.
 _FONTS_ARE_LOADED = 'const [done] = arguments; document.fonts.ready.then(() => done(true))'
 
 
@@ -60,7 +60,7 @@ class Reader(Technician):
         self.choose_in_menu(entry, language(self.name)('Menu'))
 
     def places(self) -> Iterator[Callable[[], object]]:
-        """Open a part of the page after the other, and yield each with how it is closed."""
+        """Open the parts of the page one after the other, and yield the function that closes each."""
         say = language(self.name)
 
         def close() -> None:
