@@ -43,7 +43,7 @@ from checkweigher_web.raw_signal import RawSignal, Stretch
 # from 1 again after a restart.
 Key = tuple[int | None, int | None]
 MAX_ITEMS = 500  # maximum number of listed items
-_MAX_HOUR = 7200  # maximum number of verdicts, of estimates and of noise values, for an hour
+_MAX_HOUR = 7200  # maximum number of verdicts, estimates and noise values, each for an hour
 _MAX_WINDOWS = 50
 _MAX_OVER = 20  # maximum number of ended alarms
 _MAX_EDGES = 400

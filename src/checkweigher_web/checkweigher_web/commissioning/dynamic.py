@@ -183,7 +183,7 @@ class DynamicStep(Step):
     async def _drop(self) -> None:
         async def drop() -> str:
             now = self.services.setting
-            if now is None or self._works(now):  # the service would end it
+            if now is None or self._works(now):  # The service would end it.
                 raise ActionRefusedError('busy')
             await self.services.message(ports.CANCEL_PASSES)
             return Text('dropped: the line keeps what it has')

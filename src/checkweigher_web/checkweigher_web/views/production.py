@@ -65,7 +65,7 @@ def figures(
     course = intervals(history, now - length, now, min(_INTERVALS, 6 * length // _MINUTE))
     passed = np.count_nonzero((now - _MINUTE < history.stamps) & (history.stamps <= now))
     target = math.nan if known is None else GRAMS * (known.nominal + known.tare)
-    share = max(min((now - since) / _MINUTE, 1.0), 1 / 60)  # less than 1 min after the first item
+    share = max(min((now - since) / _MINUTE, 1.0), 1 / 60)  # below 1 in the first minute
     giveaway, mean = course.means - target, course.means - (known.tare * GRAMS if known else 0)
     rejects = 1.0 - known.accepted / known.items if known and known.items else math.nan
     return [

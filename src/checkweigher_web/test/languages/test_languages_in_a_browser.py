@@ -60,7 +60,7 @@ class Reader(Technician):
         self.choose_in_menu(entry, language(self.name)('Menu'))
 
     def places(self) -> Iterator[Callable[[], object]]:
-        """Open the parts of the page one after the other, and yield the function that closes each."""
+        """Open the parts of the page one by one, and yield for each a function that closes it."""
         say = language(self.name)
 
         def close() -> None:
