@@ -92,7 +92,7 @@ class ShownItem(NanEqual):
 
     @property
     def times(self) -> dict[str, int]:
-        """Times in ns by name, for those of t1 to t4 that are known."""
+        """Known times of the item in ns, by the names t1 to t4."""
         t1, t3 = self.key
         t2 = None if self.estimate is None else self.estimate.t2
         times = {'t1': t1, 't2': t2, 't3': t3, 't4': self.t4}
@@ -260,7 +260,7 @@ class Lane:
     def load(self) -> tuple[float, float]:
         """Return the present load on the belt and its range within the latest 1 s, in kg.
 
-        Both are NaN if there are no samples.
+        Both values are NaN if there are no samples.
         """
         signal = self._signal()
         if signal is None:

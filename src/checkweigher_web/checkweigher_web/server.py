@@ -284,7 +284,7 @@ def main() -> None:
     parser.add_argument('--key', type=Path)
     try:
         serve(Site(**vars(parser.parse_args(remove_ros_args(sys.argv)[1:]))))
-    except KeyboardInterrupt:  # This is a regular end: uvicorn raises SIGINT again.
+    except KeyboardInterrupt:  # No error: uvicorn raises SIGINT again at a regular end.
         pass
     except ValueError as error:
         print(f'checkweigher: {error}', file=sys.stderr)

@@ -195,7 +195,7 @@ def bind_events(access: Access) -> None:
     `event`, such as clicks, count as use of the session.
     """
     handlers = core.sio.handlers['/']
-    del handlers['log']  # It would let browsers write to the server log.
+    del handlers['log']  # This event would let browsers write to the server log.
     for name in ('event', 'javascript_response', 'ack'):
         core.sio.on(name, partial(_handle, name, handlers[name], access))
 

@@ -313,11 +313,11 @@ class UserFile:
         self.path = path
 
     def find(self, name: str) -> User | None:
-        """Return the present user with a name, or None if there is none."""
+        """Return the user whose name is `name`, or None if the file does not contain the user."""
         return self.now().get(unicodedata.normalize('NFC', name))
 
     def now(self) -> dict[str, User]:
-        """Return the present users by name."""
+        """Return the users that the file contains at present, by name."""
         try:
             status = os.stat(self.path)
             state = status.st_mtime_ns, status.st_size, status.st_ino, status.st_mode

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Form for a verification plan. Its values are read from, and written to, the plan as text."""
+"""Form for a verification plan. A change in the form changes the text of the plan."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple

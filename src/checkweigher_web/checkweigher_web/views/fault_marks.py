@@ -50,7 +50,7 @@ class Scene:
     Attributes
     ----------
     times : dict of str to int
-        Times in ns by name, for those of t1 to t4 that are known.
+        Known times of the item in ns, by the names t1 to t4.
     force : array of shape (n,)
         Signal in kg, relative to the zero of calibration.
     usual_speed : float

@@ -41,8 +41,8 @@ def histogram(
 ) -> Options:
     """Return a histogram of masses, with the limits, TU1, TU2 and the nominal mass.
 
-    The limits are those of the `latest` verdict. TU1, TU2 and the nominal mass are shown if the
-    statistics are those of the product and batch of the series.
+    The limits are taken from the `latest` verdict. TU1, TU2 and the nominal mass are shown if the
+    statistics refer to the product and batch of the series.
     """
     masses = GRAMS * np.array(series.masses)
     if len(masses) < 2:
@@ -97,8 +97,8 @@ def limits_of(
 ) -> dict[str, float]:
     """Return the limits of the gross mass in g by English name, in increasing order.
 
-    The limits are those of the `latest` verdict. TU1, TU2 and the nominal mass are included if the
-    statistics are those of the product and the batch. Equal limits share one entry.
+    The limits are taken from the `latest` verdict. TU1, TU2 and the nominal mass are included if
+    the statistics refer to the product and the batch. Equal limits share one entry.
     """
     known: dict[str, float] = {}
     if statistics is not None and (statistics.product, statistics.batch) == (product, batch):

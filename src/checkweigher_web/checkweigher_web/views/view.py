@@ -51,7 +51,7 @@ class Look:
     say: Language = ENGLISH
 
     def choose(self, key: str) -> None:
-        """Choose the item with a key, or the latest item for the key ''."""
+        """Choose the item whose key is `key`, or the latest item if `key` is ''."""
         self.chosen = key
 
     def items(self) -> list[ShownItem]:

@@ -54,7 +54,8 @@ def work_bar(look: Look) -> None:
         button.props('outline')
 
     def update() -> None:
-        stands = standstill(look.nodes())  # Both buttons are shown if the state is not known.
+        # Both buttons are shown if the lane is silent or its state is not known.
+        stands = standstill(look.nodes())
         buttons['Start'].set_visibility(bool(stands))
         buttons['Stop'].set_visibility(stands not in ENDED.values())
 
