@@ -15,7 +15,7 @@ from checkweigher_driver.sources import EdgeSource, Source
 from checkweigher_driver.sources.machine import MachineSource
 
 # Classes of the sources by name. A class is imported on request, so that a machine needs only the
-# packages of its own devices. package.xml omits those that apt does not have.
+# packages of its own devices. package.xml does not name the packages that apt does not provide.
 SOURCES = {
     'simulator': 'checkweigher_driver.sources.simulator:SimulatorSource',
     'bag': 'checkweigher_driver.sources.bag:BagSource',
@@ -40,7 +40,7 @@ INPUTS = {
     'gpio': 'checkweigher_driver.line_io.gpio:GpioInputs',
 }
 
-# Function that returns a parameter set with the values given to the node.
+# Function that returns an instance of a parameter class, with the values that the node was given.
 ReadParameters = Callable[[type[Parameters]], Any]
 
 
@@ -83,7 +83,8 @@ class DriverParameters(Parameters):
         maximum=1,
     )
     publish_clock: bool = parameter(
-        False, 'whether the stamps of the samples are published on /clock, for use_sim_time'
+        False,
+        'whether the stamps of the samples are published on /clock, for nodes with use_sim_time',
     )
     outputs: str = parameter(
         NONE, 'device to which rejector and stop are connected', choices=tuple(OUTPUTS)
@@ -101,7 +102,8 @@ class DriverParameters(Parameters):
 def source_class(name: str) -> type[Source]:
     """Return a class of `SOURCES` by its name.
 
-    Raises `ParameterError` for an unknown name, or if its package is not installed.
+    Raises `ParameterError` if the name is unknown, or if a package that the class needs is not
+    installed.
     """
     return cast(type[Source], _find('source', name, SOURCES))
 
@@ -109,7 +111,8 @@ def source_class(name: str) -> type[Source]:
 def eyes_class(name: str) -> type[EdgeSource]:
     """Return a class of `EYES` by its name.
 
-    Raises `ParameterError` for an unknown name, or if its package is not installed.
+    Raises `ParameterError` if the name is unknown, or if a package that the class needs is not
+    installed.
     """
     return cast(type[EdgeSource], _find('eyes', name, EYES))
 
@@ -129,8 +132,8 @@ def source_maker(name: str, eyes: str, read: ReadParameters) -> Callable[[], Sou
     """Return a function that opens a source of samples together with its photo-eyes.
 
     The returned function raises ValueError if a device cannot be opened; the message is one line
-    for a technician. Raises ParameterError if `eyes` are given for a source with its own
-    photo-eyes, or if a parameter is invalid.
+    for a technician. `source_maker` itself raises ParameterError if `eyes` are given for a source
+    with its own photo-eyes, or if a parameter is invalid.
     """
     make_source = source_class(name)
     parameters = read(make_source.parameters)

@@ -67,8 +67,8 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             raise
         if self._inputs.exist:
             self._conditions = self.output(ports.MACHINE_CONDITIONS)
-            # An `Output` cannot be used, because the node reject would then get no messages of
-            # other publishers if it is in the same process.
+            # An `Output` cannot be used, because a reject node in the same process would then not
+            # receive the messages of other publishers on this topic.
             port = ports.EXTERNAL_REJECT
             self._external_rejects = self.create_publisher(port.type, port.name, port.qos)
         self._watch = DriverWatch(self.parameters.source)
@@ -104,7 +104,10 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         self._inputs.open(locked(self._publish_input))
 
     def _declare_operation(self) -> Parameters | None:
-        """Declare and return the operator's settings, which only a simulated machine has."""
+        """Declare and return the operator's settings of a simulated machine.
+
+        Returns None for any other source.
+        """
         kind = devices.source_class(self.parameters.source).operation
         if kind is None:
             return None
@@ -113,7 +116,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         return found
 
     def _operate(self, changes: Sequence[Any]) -> None:
-        """Apply changed settings of the operator. rclpy has checked their ranges."""
+        """Apply the settings that the operator has changed. rclpy has checked their ranges."""
         assert self._operation is not None
         prefix = f'{self._operation.node}.'
         values = {
@@ -140,7 +143,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         self.stream.begin(self._source)
 
     def deactivate(self) -> None:
-        """End the stream, and make the outputs safe. Items on the belt become faults."""
+        """End the stream, and make the outputs safe. Items on the belt get the decision FAULT."""
         self._outputs.safe()
         self._calibration.end()
         self._look_timer.cancel()

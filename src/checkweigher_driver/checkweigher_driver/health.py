@@ -68,7 +68,7 @@ class DriverWatch:
         self._eyes.look(now)
         samples = self._samples.finding(now, now - self._began)
         eyes = self._eyes.finding(now)
-        if self._state != 'running' or self.waits_for:  # then no samples are expected
+        if self._state != 'running' or self.waits_for:  # no samples are expected in these states
             samples, eyes = (
                 conclude(finding.aspect, 'none at present, see Source', (), finding.values)
                 for finding in (samples, eyes)

@@ -30,7 +30,8 @@ from checkweigher_driver.sources import Source
 _REPEATS = (0.2, 0.5, 1.0)
 _PATIENCE = 5.0  # longest wait in s for the other nodes
 _END_PATIENCE = 2.0  # longest wait in s for the last read of a source
-_PERIOD = 0.02  # period of the checks in s, because not all changes wake the thread
+# Period in s with which a waiting thread checks its condition, because not all changes wake it.
+_PERIOD = 0.02
 _REMINDER = 5.0  # time in s between warnings
 
 
@@ -88,7 +89,7 @@ class SourceStream:
     def end(self, close: Callable[[], None] | None = None) -> bool:
         """End the stream; return whether it was still running.
 
-        `close` closes the source, if otherwise a blocking read would not end.
+        `close` is a function that closes the source. It is needed if the source blocks in a read.
         """
         was_running = self._running
         with self._changed:
@@ -102,7 +103,10 @@ class SourceStream:
         return was_running
 
     def report(self, state: StreamState, text: str = '') -> None:
-        """Publish the progress of the stream. A fault is published only while events are sent."""
+        """Publish the state and the progress of the stream, with the text of a fault, if any.
+
+        A fault of a running stream is published only while events are sent.
+        """
         with LOCK:
             if text and state == StreamState.RUNNING and not self._flows:
                 return
@@ -110,7 +114,10 @@ class SourceStream:
             self.status.send(replace(self._progress, state=state, text=text))
 
     def report_trouble(self, trouble: str) -> None:
-        """Publish the present fault of the machine, empty without a fault, if it has changed."""
+        """Publish the present fault of the machine if it differs from the last published fault.
+
+        `trouble` is empty if there is no fault. Nothing is published while no events are sent.
+        """
         if trouble != self._trouble and self._flows:
             self._trouble = trouble
             self.report(StreamState.RUNNING, trouble)
@@ -118,7 +125,7 @@ class SourceStream:
                 self._node.warn(trouble)
 
     def on_segmenter_status(self, status: StreamStatus) -> None:
-        """Update the flow control by the progress of the segmenter."""
+        """Update the flow control with the progress that the segmenter reports."""
         with self._changed:
             if status.stream != self._progress.stream:
                 return
@@ -130,7 +137,7 @@ class SourceStream:
             self._changed.notify_all()
 
     def on_verdict(self) -> None:
-        """Update the flow control by a verdict."""
+        """Count one verdict for the flow control."""
         with self._changed:
             self._flow.items_judged += 1
             self._changed.notify_all()
@@ -144,7 +151,7 @@ class SourceStream:
             failure = str(error)
         with self._changed:
             if not self._stopping:
-                # With this report, items on the belt become faults.
+                # Because of this report, the items on the belt get the decision FAULT.
                 self._watch.end(failure)
                 if failure is None:
                     self.report(StreamState.FINISHED)
@@ -179,7 +186,7 @@ class SourceStream:
             return
         pace, pacer = self._parameters.rate, None
         for event in cut_for_pace(source, rate, pace, self._parameters.block_time):
-            # The pace begins here, because a simulation needs some time for its first event.
+            # The pacer starts at the first event, because a simulation needs some time to make it.
             pacer = pacer or Pacer(pace, rate, time.monotonic())
             with self._changed:
                 left = max(pacer.due(event) - time.monotonic(), 0.0)
@@ -214,7 +221,7 @@ class SourceStream:
 
         def ask(waited: float) -> None:
             # Without further samples, the segmenter reports its progress only in answer to a status
-            # of the driver.
+            # of the driver. Therefore publish a status while edges are awaited.
             if flow.awaits_edges(event, rate):
                 self.report(StreamState.RUNNING, self._trouble)
                 if waited > _PATIENCE and (lost := flow.give_up_edges()):
@@ -279,8 +286,8 @@ class SourceStream:
     ) -> bool:
         """Wait until a condition holds, for at most `patience` s; return False if the stream ends.
 
-        After each failed check, `ask` is called with the waiting time in s so far. If `what` is not
-        empty, a warning with this name of the condition is logged every 5 s.
+        `what` is the name of the condition. Unless it is empty, a warning with this name is logged
+        every 5 s. After each failed check, `ask` is called with the waiting time in s so far.
         """
         began = reminded = time.monotonic()
         with self._changed:

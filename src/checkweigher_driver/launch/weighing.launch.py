@@ -20,11 +20,13 @@ RESPAWN_DELAY = 1.0  # s
 
 
 def generate_launch_description():
-    """Return the arguments and the nodes."""
+    """Return the launch arguments, and the action that starts the nodes."""
     return LaunchDescription(
         [
-            DeclareLaunchArgument('params_file', description='parameters of all nodes'),
-            DeclareLaunchArgument('namespace', default_value='', description='of the lane'),
+            DeclareLaunchArgument('params_file', description='ROS parameter file of all nodes'),
+            DeclareLaunchArgument(
+                'namespace', default_value='', description='namespace of the lane; empty for none'
+            ),
             OpaqueFunction(function=make_nodes),
         ]
     )
@@ -56,7 +58,10 @@ def make_nodes(context):
 
 
 def end_if_it_cannot_start(event, context):
-    """End the launch if a node cannot start, because its message would repeat each second."""
+    """End the launch if a node cannot start.
+
+    Otherwise the node would be started again each second, and its error message would be repeated.
+    """
     if event.returncode == CANNOT_START:
         return [Shutdown(reason=f'{event.process_name} cannot start; its message is above')]
     return []

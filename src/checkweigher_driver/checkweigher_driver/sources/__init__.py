@@ -14,14 +14,14 @@ from checkweigher_core.recording import Event
 from checkweigher_core.records import EyeEdge, LoadCell, SampleBlock
 
 RETRY_TIME = 0.3  # time in s between attempts to open a device
-_SWITCH_INTERVAL = 0.0005  # s
+_SWITCH_INTERVAL = 0.0005  # longest thread switch interval in s
 
 
 def shorten_switch_interval() -> None:
     """Shorten the thread switch interval of the interpreter.
 
     With the default interval, threads that time photo-eyes or switch the rejector would wait too
-    long for the lock of the interpreter.
+    long for the global interpreter lock.
     """
     sys.setswitchinterval(min(sys.getswitchinterval(), _SWITCH_INTERVAL))
 
@@ -44,7 +44,10 @@ class Device(ABC):
 
     @property
     def trouble(self) -> str:
-        """Present fault of the device in one line, empty without one. Any thread may read it."""
+        """Present fault of the device in one line, or an empty string if there is no fault.
+
+        Any thread may read this property.
+        """
         return ''
 
     def figures(self) -> dict[str, float]:
@@ -77,7 +80,7 @@ class Source(Device):
 
 @dataclass(frozen=True, slots=True)
 class EyesLost:
-    """Loss of the photo-eyes, which were last read at `stamp` in ns."""
+    """Loss of the photo-eyes, which were last read at `stamp` in ns. `text` is the reason."""
 
     stamp: int
     text: str
@@ -85,7 +88,7 @@ class EyesLost:
 
 @dataclass(frozen=True, slots=True)
 class EyesBack:
-    """Return of the photo-eyes at `stamp` in ns, after a loss."""
+    """End of a loss of the photo-eyes, which are read again from `stamp` in ns on."""
 
     stamp: int
 
@@ -100,13 +103,16 @@ class EdgeSource(Device):
         self._closing = threading.Event()  # ends `events`
 
     def close(self) -> None:
-        """End the iterator `events` soon."""
+        """Request the end of the iterator `events`, which ends after its present wait or read."""
         self._closing.set()
 
     @abstractmethod
     def events(self) -> Iterator[EyeEvent]:
-        """Yield edges, losses and returns of the eyes, with stamps on the clock of the samples."""
+        """Yield edges, and losses of the eyes and their ends, stamped on the sample clock."""
 
     def follow(self, block: SampleBlock) -> list[EyeEdge]:
-        """Return the edges before the end of a block, if edges are tied to samples."""
+        """Return the edges before the end of a block, if the edges were recorded with the samples.
+
+        Eyes that are read in real time return no edges here, but yield them in `events`.
+        """
         return []

@@ -26,14 +26,20 @@ class BagParameters(Parameters):
     )
 
     def read(self) -> Recording:
-        """Return the recording. Raises `ParameterError` without a path, `BagError` if invalid."""
+        """Return the recording in the bag.
+
+        Raises `ParameterError` if `path` is empty, and `BagError` if the bag is invalid.
+        """
         if not self.path:
             raise ParameterError(f'{self.node}.path: empty, must name a bag')
         return read_bag(Path(self.path), self.namespace or None)
 
 
 class BagSource(Source):
-    """Replayed bag, which is read completely before the first event, to detect damage first."""
+    """Replayed bag.
+
+    The constructor reads the whole bag, so that damage is detected before the first event is sent.
+    """
 
     parameters = BagParameters
     paced = True
@@ -82,7 +88,7 @@ class ReplayedEyes(EdgeSource):
         yield from ()
 
     def follow(self, block: SampleBlock) -> list[EyeEdge]:
-        """Return the edges up to the end of a block that were not returned yet."""
+        """Return the edges before the end of a block, except those that were returned before."""
         found = []
         while self._edges and self._edges[0][1] < block.first_index + len(block.counts):
             edge, position = self._edges.pop(0)

@@ -24,7 +24,8 @@ class MachineSource(Source):
     """Samples of one device and edges of another device, in the order of their arrival.
 
     Each device is read in its own thread. Both devices must use the same clock. While the
-    photo-eyes cannot be read, samples are withheld, so that an item on the belt becomes a fault.
+    photo-eyes cannot be read, samples are withheld, so that an item on the belt gets the decision
+    FAULT.
     """
 
     paced = False
@@ -34,14 +35,14 @@ class MachineSource(Source):
         self._eyes = eyes
         self._queue: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._closed = False
-        self._blind = ''  # why the photo-eyes cannot be read
-        self._gap = False  # whether no block was withheld yet after a loss of the photo-eyes
+        self._blind = ''  # reason why the photo-eyes cannot be read, empty if they can be read
+        self._gap = False  # whether the next block must be withheld because the eyes were lost
         self._withheld = 0
         self.load_cell = samples.load_cell
         self.start_stamp = samples.start_stamp
 
     def __iter__(self) -> Iterator[Event]:
-        """Yield events when they occur. Raises the error of a device that fails."""
+        """Yield events when they occur. If a device fails, its exception is raised here."""
         shorten_switch_interval()
         threads = [
             threading.Thread(target=self._read, args=(device, name), name=name, daemon=True)
@@ -91,7 +92,7 @@ class MachineSource(Source):
 
     @property
     def trouble(self) -> str:
-        """Present faults of both devices in one line, empty without a fault."""
+        """Present faults of both devices in one line, or an empty string if there is no fault."""
         return '; '.join(filter(None, (self._samples.trouble, self._blind or self._eyes.trouble)))
 
     def figures(self) -> dict[str, float]:

@@ -16,7 +16,8 @@ from checkweigher_driver.sources import Source
 from checkweigher_recording.simulation.operation import OperationParameters
 from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
 
-_LAST_WORDS = 0.5  # time in s in which the driver can still answer the request that kills it
+# Time in s from the request to kill the driver to the kill, so that the driver can answer.
+_LAST_WORDS = 0.5
 
 
 @dataclass(frozen=True)
