@@ -147,7 +147,7 @@ def replace_version(path: Path, new: Path) -> int:
 def _keep(path: Path, version: int) -> None:
     kept = path.with_name(f'{path.stem}.v{version}{path.suffix}')
     try:
-        # The kept file exists already if an earlier attempt was interrupted after this line.
+        # The kept file exists already if an earlier attempt was interrupted after `os.link`.
         with suppress(FileExistsError):
             os.link(path, kept)
     except OSError as error:
@@ -169,7 +169,7 @@ def _sections(path: Path | None) -> dict[str, Any]:
 
 
 def source_values(path: Path, source: str) -> dict[str, object]:
-    """Return the parameters of a source in a parameter file by name."""
+    """Return the values that a parameter file sets for a source, by parameter name."""
     with opened(path) as sections:
         return _values_of(sections, source)
 

@@ -35,10 +35,11 @@ from checkweigher_driver.calibration.static_calibration import (
     StaticReading,
 )
 
-# If a reading takes this time in s longer than the parameter `patience`, no samples arrive.
+# A reading ends by itself after the parameter `patience`. If it has not ended this time in s later,
+# no samples arrive.
 _SILENCE = 5.0
 
-# Fields of StaticCalibration and of the response of finish_calibration.
+# Fields that StaticCalibration and the response of finish_calibration have in common.
 _FITTED = ('counts_per_kg', 'counts_per_kg_uncertainty', 'zero_counts', 'zero_uncertainty')
 
 
@@ -78,12 +79,12 @@ class CalibrationServices:
         node.create_service(Trigger, ports.CANCEL_CALIBRATION, self._on_cancel)
 
     def apply(self, load_cell: LoadCell) -> LoadCell:
-        """Return a load cell with the calibration of the file, unchanged without a file."""
+        """Return a load cell with the calibration in the file, or unchanged if there is no file."""
         found = self.read() or (load_cell.counts_per_kg, load_cell.zero_counts)
         return replace(load_cell, counts_per_kg=found[0], zero_counts=found[1])
 
     def read(self) -> tuple[float, float] | None:
-        """Return counts_per_kg and zero_counts of the calibration file, None without a file.
+        """Return counts_per_kg and zero_counts of the calibration file, or None without a file.
 
         Raises ParameterError if the file is invalid.
         """
@@ -94,12 +95,12 @@ class CalibrationServices:
             raise ParameterError(f'calibration.file: {error}') from None
 
     def begin(self, load_cell: LoadCell) -> None:
-        """Begin a calibration session with a new stream."""
+        """Begin a calibration session at the start of a stream of `load_cell`."""
         self._edges.clear()
         self._session = CalibrationSession(load_cell, self._parameters.steadiness)
 
     def end(self) -> None:
-        """End the session when the stream ends, and discard the points."""
+        """End the calibration session at the end of a stream, and discard its points."""
         self._session = None
         self._refuse('the driver was deactivated: activate it and begin again')
 
@@ -139,7 +140,10 @@ class CalibrationServices:
         )
 
     def _checked(self) -> tuple[CalibrationSession, Path]:
-        """Return session and file. Raises ValueError if the load cell cannot be calibrated now."""
+        """Return the calibration session and the path of the calibration file.
+
+        Raises ValueError if the load cell cannot be calibrated now.
+        """
         check_calibrated_source(self._source)
         path = self._parameters.path
         if path is None:
@@ -175,7 +179,10 @@ class CalibrationServices:
         result: Any = None,
         tell: Callable[..., None] | None = None,
     ) -> str:
-        """Read a load into `result`, and return a message. Raises ValueError if that fails."""
+        """Read a load, write the reading to `result` unless it is None, and return a message.
+
+        Raises ValueError if the load cannot be read.
+        """
         try:
             session, _ = self._checked()
             session.begin(mass, uncertainty, self._edges.values())
@@ -194,10 +201,10 @@ class CalibrationServices:
         if result is not None:
             result.reading, result.std_error = found.mean, found.std_error
         text = f'reading {found.mean:.1f} +- {found.std_error:.1f}'
-        return f'{text}; {len(session.points)} read by now'
+        return f'{text}; readings so far: {len(session.points)}'
 
     def _refuse(self, text: str) -> None:
-        """Refuse the call that waits for a reading, if there is one."""
+        """End the call that waits for a reading, if there is one, with the error `text`."""
         waiting, self._waiting = self._waiting, None
         if waiting is not None:
             waiting.set_exception(CalibrationError(text))
@@ -240,7 +247,10 @@ class CalibrationServices:
     async def _write(
         self, session: CalibrationSession, path: Path, found: StaticCalibration
     ) -> int:
-        """Write the audit log, then the file; return its version. Raises ValueError on failure."""
+        """Write the change to the audit log and then to the file, and return the file version.
+
+        Raises ValueError if the log or the file cannot be written.
+        """
         before = session.load_cell
         after = replace(before, counts_per_kg=found.counts_per_kg, zero_counts=found.zero_counts)
         change = CALIBRATION, ports.LOAD_CELL_INFO.name

@@ -60,12 +60,12 @@ class CalibrationParameters(Parameters):
 
     @property
     def steadiness(self) -> Steadiness:
-        """Limits of a load at rest."""
+        """Limits within which a load counts as at rest."""
         return Steadiness(self.duration, self.tolerance, self.patience)
 
     @property
     def path(self) -> Path | None:
-        """Path of the calibration file, None if there is none."""
+        """Path of the calibration file, or None if there is no such file."""
         return Path(self.file) if self.file else None
 
 
@@ -131,13 +131,15 @@ class CalibrationSession:
     ) -> StaticCalibration:
         """Return the calibration that fits the points.
 
-        `max_residual` is the largest valid residual in kg; if it is 0, all are valid. `edges`
-        contains the latest edge of each photo-eye. `stamp` is the stamp of the last block in ns,
-        and `now` is the time in s on the clock of `add`. Raises CalibrationError if the points do
-        not determine a calibration, or if a product may be on the belt.
+        `max_residual` is the largest valid residual in kg; if it is 0, all residuals are valid.
+        `edges` contains the latest edge of each photo-eye. `stamp` is the stamp of the latest block
+        in ns, and `now` is the time in s on the same monotonic clock as in `add`.
+
+        Raises CalibrationError if the points do not determine a calibration, or if a product may be
+        on the belt.
         """
         if self.reading is not None:
-            raise CalibrationError('a load is being read; wait for its answer')
+            raise CalibrationError('a load is being read; wait for the answer')
         if not self.points:
             raise CalibrationError('no load was read; read the empty belt and known masses first')
         if now - self._began > _LONGEST:
@@ -166,13 +168,13 @@ class CalibrationSession:
         if len(self.points) > 1:
             raise CalibrationError(
                 'only the empty belt was read, and several times; read a known mass, or begin '
-                'again and read it once'
+                'again and read the empty belt once'
             )
         return zero_only(self.points[0], self.load_cell.counts_per_kg)
 
 
 def _check_clear(edges: Collection[EyeEdge]) -> None:
-    """Raise CalibrationError if a photo-eye is blocked after its latest edge."""
+    """Raise CalibrationError if a photo-eye is blocked, according to its latest edge."""
     for edge in edges:
         if edge.blocked:
             raise CalibrationError(

@@ -20,9 +20,9 @@ from checkweigher_core.records import GRAMS, LoadCell, SampleBlock
 from checkweigher_dsp.signal.averages import BATCHES, batch_mean_std_error
 
 _LEAST_SAMPLES = 10 * BATCHES
-_ITERATIONS = 10  # number of iterations; they converge fast
-_LOOK_PERIOD = 0.5  # duration in s of the signal between two checks of a load
-_LEAST_SPAN = 100.0  # smallest ratio of the sensitivity to its uncertainty
+_ITERATIONS = 10  # number of iterations of the fit, which converges fast
+_LOOK_PERIOD = 0.5  # time in s between two checks whether a load is at rest
+_LEAST_SPAN = 100.0  # smallest allowed ratio of the sensitivity to its uncertainty
 _QUANTISATION = 1 / math.sqrt(12)  # standard uncertainty in counts due to the converter
 
 
@@ -36,7 +36,7 @@ class StaticReading:
 
     mean: float
     std_error: float  # standard uncertainty of the mean, computed from the means of ten batches
-    drift: float  # difference of the means of the second and the first half
+    drift: float  # mean of the second half minus mean of the first half
     noise: float  # standard deviation of the samples
 
     def is_stable(self, tolerance: float) -> bool:
@@ -53,7 +53,8 @@ def read_static(counts: NDArray[np.int32], min_counts: int, max_counts: int) -> 
         raise CalibrationError(f'{len(counts)} samples are too few; {_LEAST_SAMPLES} are needed')
     if np.any((counts <= min_counts) | (counts >= max_counts)):
         raise CalibrationError(
-            'the converter is at its limit; check overload, load-cell wiring and the range'
+            'the converter is at its limit; check for overload, and check the load-cell wiring and '
+            'the range'
         )
     values = counts.astype(np.float64)
     half = len(values) // 2
@@ -67,7 +68,7 @@ def read_static(counts: NDArray[np.int32], min_counts: int, max_counts: int) -> 
 
 @dataclass(frozen=True, slots=True)
 class Steadiness:
-    """Limits of a load at rest."""
+    """Limits within which a load counts as at rest."""
 
     duration: float = 5.0  # duration of the reading in s
     tolerance: float = 1e-4  # largest drift and standard error of the reading in kg
@@ -78,7 +79,7 @@ class RestReading:
     """Measurement of a load, which waits until the load has been at rest for long enough.
 
     The sensitivity of `load_cell` converts the tolerance of `steadiness` to counts. `latest` is the
-    reading of the latest samples, also if the load moves; None before the first check.
+    reading of the latest samples, even if the load moves. It is None before the first check.
     """
 
     def __init__(self, load_cell: LoadCell, steadiness: Steadiness) -> None:
@@ -122,7 +123,7 @@ class RestReading:
 
     @property
     def duration(self) -> float:
-        """Duration in s of the samples so far, at most `Steadiness.duration`."""
+        """Duration in s of the samples in the reading so far, at most `Steadiness.duration`."""
         return min(len(self._counts), self._least) / self._load_cell.sample_rate
 
     def _failure_text(self) -> str:
@@ -176,7 +177,7 @@ def calibrate(points: Sequence[CalibrationPoint]) -> StaticCalibration:
     values = np.array([astuple(point) for point in points]).reshape(-1, 4)
     masses, readings, of_readings, of_masses = values.T
     if not np.isfinite(values).all():
-        raise CalibrationError('a point is not a finite number')
+        raise CalibrationError('a mass, reading or uncertainty is not a finite number')
     if np.any(of_readings < 0) or np.any(of_masses < 0):
         raise CalibrationError('an uncertainty is negative')
     if len(np.unique(masses)) < 2:
@@ -187,13 +188,13 @@ def calibrate(points: Sequence[CalibrationPoint]) -> StaticCalibration:
         sigma = np.hypot(of_readings, slope * of_masses)
         (slope, zero), covariance = np.polyfit(masses, readings, 1, w=1 / sigma, cov='unscaled')
     misfits = readings - zero - slope * masses
-    freedom = max(len(points) - 2, 1)  # at least 1, because two points have no residuals
+    freedom = max(len(points) - 2, 1)  # with two points, all residuals are 0
     birge = math.sqrt(np.sum((misfits / sigma) ** 2) / freedom)
     slope_uncertainty, zero_uncertainty = np.sqrt(np.diag(covariance)) * max(birge, 1.0)
     if abs(slope) < _LEAST_SPAN * slope_uncertainty:
         raise CalibrationError(
             'the readings of the masses hardly differ; check that the masses rest on the belt, and '
-            'the load-cell wiring'
+            'check the load-cell wiring'
         )
     return StaticCalibration(
         zero_counts=float(zero),
