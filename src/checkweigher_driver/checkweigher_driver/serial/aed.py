@@ -50,12 +50,12 @@ class AedParameters(SerialParameters):
         super().__post_init__()
         if not self.checksum and self.trailer == 'none':
             raise ParameterError(
-                "aed.trailer: 'none' needs aed.checksum; otherwise no frame could be found"
+                "aed.trailer: 'none' needs aed.checksum: true; otherwise no frame could be found"
             )
 
 
 class AedSource(SerialSource):
-    """Load cell that streams frames of a three-byte reading and a check byte (COF 8, MSV?0)."""
+    """Load cell that streams frames of a three-byte reading and a check or status byte (COF 8)."""
 
     parameters = AedParameters
 
@@ -146,7 +146,7 @@ class AedDialogue:
         raise SerialError(f'{self._port.name}: the device does not reply after RES')
 
     def ask(self, query: str) -> str:
-        """Return the reply to a query. Raises `SerialError` without a valid reply."""
+        """Return the reply to a query. Raises `SerialError` if there is no valid reply."""
         self.send(f'{query}?')
         reply = self._line()
         if reply == '?':
@@ -159,7 +159,10 @@ class AedDialogue:
         return reply
 
     def order(self, command: str, parameter: str) -> None:
-        """Send a command. Raises `SerialError`, which names `parameter`, if it is refused."""
+        """Send a command, and check that the device confirms it.
+
+        Raises `SerialError` if it does not. The message names `parameter`, which gave the command.
+        """
         self.send(command)
         reply = self._line()
         if reply != '0':
@@ -167,7 +170,7 @@ class AedDialogue:
             raise SerialError(f'{self._port.name}: the device {said} to {command}; see {parameter}')
 
     def identify(self) -> tuple[str, str]:
-        """Return model and serial number. Raises `SerialError` for a device of another kind."""
+        """Return model and serial number. Raises `SerialError` if the device is no AED device."""
         for attempt in range(_ATTEMPTS):
             self.stop()
             try:
@@ -179,7 +182,7 @@ class AedDialogue:
             fields = [field.strip(' "') for field in reply.split(',')]
             if len(fields) >= 3 and all(fields[:3]) and ''.join(fields[:3]).isprintable():
                 while attempt and self._line():
-                    attempt -= 1  # late replies to earlier attempts are discarded
+                    attempt -= 1  # discard a late reply to an earlier attempt
                 return ' '.join(fields[:2]), fields[2]
         raise SerialError(
             f'{self._port.name}: the reply {reply!r} to IDN? is not that of a load cell of the AED '

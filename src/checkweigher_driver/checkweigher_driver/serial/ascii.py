@@ -38,7 +38,7 @@ class AsciiParameters(SerialParameters):
         maximum=256,
     )
     start_command: str = parameter('', 'command that starts the stream; empty if none is needed')
-    stop_command: str = parameter('', 'command that stops the stream; empty for none')
+    stop_command: str = parameter('', 'command that stops the stream; empty if none is needed')
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -83,10 +83,10 @@ class LineDecoder(Decoder):
     pattern is invalid.
 
     Lines end with CR, LF or both. A line that does not match counts as one lost reading, or as
-    several if it is longer than the previous reading. Bytes before the first line end are skipped.
+    several if it is longer than the last valid line. Bytes before the first line end are skipped.
     """
 
-    waiting = 0  # every complete line is returned at once
+    waiting = 0  # `feed` returns the reading of every complete line immediately
 
     def __init__(self, pattern: str, decimals: int = 0) -> None:
         try:
@@ -98,11 +98,12 @@ class LineDecoder(Decoder):
         self._scale = 10.0**decimals
         self._data = b''
         self._begun = False  # whether a line end was found
-        self._lost: int | None = None  # number of readings lost since the last valid reading
+        # Number of readings lost since the last valid reading, None before the first reading.
+        self._lost: int | None = None
 
     @property
     def missing(self) -> int:
-        """Number of bytes until the next line is complete, if it is as long as the last line."""
+        """Number of bytes until the next line is complete, if it is as long as the line before."""
         return max(self.frame_bytes - len(self._data), 1)
 
     def feed(self, data: bytes) -> Decoded:
@@ -112,7 +113,7 @@ class LineDecoder(Decoder):
         if lines and not self._begun:
             self._begun = True
             self.skipped_bytes += len(lines.pop(0))
-        # Of a line that is too long, only the beginning is kept until the line is refused.
+        # If a line is too long, only its beginning is kept until its end arrives and it is refused.
         self._data = rest[: _LONGEST_LINE + 1]
         self.skipped_bytes += len(rest) - len(self._data)
         counts, lost = [], []

@@ -18,8 +18,9 @@ class BlockMaker:
 
     The index continues after a break of the connection, and jumps by the number of lost samples.
     Blocks are held back while their stamps are uncertain: for 1 s at the start, while reads are
-    over 20 ms late, and for 1 s after a step of the clock of the host or an undetected loss of
-    samples. If the step or loss exceeds 20 ms, an item on the belt becomes a fault.
+    over 20 ms late, and for 1 s after a step of the host clock or after a loss of samples that the
+    decoder did not detect. If the step or loss exceeds 20 ms, an item on the belt gets the decision
+    FAULT.
 
     `latency` is the shortest time in s from a sample to the read that returns it. `limits` are the
     lower and the upper limit of the converter in counts.
@@ -37,7 +38,8 @@ class BlockMaker:
     def resume(self, reads: Sequence[Read]) -> None:
         """Increase the index by the number of samples that were lost in a break.
 
-        The number is computed from one of the first `reads`, the one with the smallest delay.
+        `reads` are the first reads after the break. The number is computed from the read with the
+        smallest delay.
         """
         index, least = self.index - 1, math.inf
         for read in reads:

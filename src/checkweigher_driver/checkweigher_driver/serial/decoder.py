@@ -19,7 +19,7 @@ class Decoded:
 
 
 class Decoder(ABC):
-    """Decoder of a stream of bytes. The readings do not depend on the sizes of the reads."""
+    """Decoder of a byte stream. The readings do not depend on how the reads divide the stream."""
 
     frame_bytes = 0  # size of a reading in bytes; 0 as long as it is unknown
     skipped_bytes = 0  # number of bytes so far that belong to no reading

@@ -6,15 +6,18 @@ A frame is a 24-bit two's complement number with the most significant byte first
 its bytes or a status byte, then CR LF on some models. CR and LF also occur inside frames, so they
 do not delimit frames.
 
-Without CR LF, the XOR does not show where a frame begins. If the signal changes slowly, frames seem
-valid at wrong places: in A B C X A B C X with X = A ^ B ^ C, each byte is the XOR of the three
-bytes before it, and a place one byte late looks wrong only if A changes. But at a wrong place, a
-change d of the reading becomes 256 d or more, with an error of at most 255. Of the places at which
-several frames seem valid, the true place therefore has the smallest changes from frame to frame. A
-frame without CR LF is returned only if it and the next four frames are valid, and if no other place
-has much smaller changes. A wrong byte therefore also discards earlier frames. A wrong place is
-accepted only if the signal does not change for four frames. Frames with CR LF both inside and at
-their end are treated in the same way.
+A place is a position in the data at which frames may begin. Without CR LF, the XOR does not show
+the true place. If the signal changes slowly, frames also seem valid at wrong places. For example,
+in A B C X A B C X with X = A ^ B ^ C, each byte is the XOR of the three bytes before it. Frames
+that are read one byte late then seem invalid only if A changes.
+
+At a wrong place, a change d of the reading appears as a change of 256 d or more, with an error of
+at most 255. If several frames seem valid at several places, the readings at the true place
+therefore change least from frame to frame. A frame without CR LF is returned only if it and the
+next four frames are valid, and if the readings at no other place change much less. A wrong byte
+therefore also discards up to four earlier frames. A wrong place is accepted only if the signal does
+not change for four frames. Frames with CR LF both inside and at their end are treated in the same
+way.
 """
 
 import math
@@ -27,8 +30,9 @@ from checkweigher_driver.serial.decoder import Decoded, Decoder
 TRAILERS = ('auto', 'crlf', 'none')
 
 _WITH_TRAILER, _WITHOUT = 6, 4  # bytes in a frame with and without CR LF
-_RUN = 5  # number of consecutive valid frames that are needed to find a place
-_CLEARLY, _TINY = 8, 64  # ratio and difference in counts of changes that are much smaller
+_RUN = 5  # number of consecutive valid frames that are needed to accept a place
+# Changes are much smaller than others if 8 times their sum plus 64 counts is below the other sum.
+_CLEARLY, _TINY = 8, 64
 _AHEAD = _WITH_TRAILER * (_RUN + 1) - 1  # number of bytes that are needed to find the frame size
 _OVERFLOW = 0b0111  # status bits of net, gross and converter overflow
 _UNUSED = 0b1100_0000  # status bits that are always 0
@@ -40,8 +44,8 @@ class _Places:
     `counts` contains the readings of the frames. The other attributes are boolean: `overflow` marks
     an overflow that the device reports, `good` marks valid frames, and `doubtful` marks frames that
     may seem valid at a wrong place. `run` marks places at which five consecutive frames are valid.
-    `begins` marks places of this kind that are certain, and `slipped` marks places at which the
-    readings change much more than at another place.
+    `begins` marks those of these places that are certain to be true, and `slipped` marks places at
+    which the readings change much more than at another place.
     """
 
     def __init__(self, data: NDArray[np.uint8], size: int, checksum: bool) -> None:
@@ -58,14 +62,15 @@ class _Places:
             np.zeros(n, bool) if checksum else (check & _OVERFLOW) != 0
         )
         # At each place, `run` tells whether four consecutive frames are valid, and `change` is the
-        # sum of the changes of their readings. Other places are compared over the same bytes.
+        # sum of the changes of their readings. Four frames that begin up to `size` - 1 bytes later
+        # lie within five frames of a place, so places are compared over nearly the same bytes.
         k = max(len(data) - size * _RUN + 1, 0)
         run, change = self._runs(size, _RUN - 1, k + size - 1 if k else 0)
         last = slice(size * (_RUN - 1), size * (_RUN - 1) + k)
         self.run = run[:k] & self.good[last]
-        # A place is not accepted while the changes at another place are as small. An accepted place
-        # is rejected only if the changes at another place are much smaller, because the changes at
-        # a wrong place are 256 times as large.
+        # A place is not accepted while the changes at another place are as small or smaller. An
+        # accepted place is rejected only if the changes at another place are much smaller, because
+        # the changes at a wrong place are 256 times as large.
         self.slipped, unsure = np.zeros(k, bool), np.zeros(k, bool)
         all_change = change[:k] + np.abs(
             self.counts[last] - self.counts[size * (_RUN - 2) : size * (_RUN - 2) + k]
@@ -85,7 +90,7 @@ class _Places:
     def _runs(
         self, size: int, frames: int, places: int
     ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-        """Return whether consecutive frames are valid, and the sum of their changes."""
+        """Return whether `frames` frames from each place on are valid, and the sum of changes."""
         starts = range(0, size * frames, size)
         run = np.logical_and.reduce([self.good[i : i + places] for i in starts])
         change = np.zeros(places, np.int64)
@@ -98,13 +103,14 @@ class FrameDecoder(Decoder):
     """Decoder of binary frames.
 
     With `checksum`, the fourth byte of a frame is the XOR of the other bytes. Without `checksum`,
-    the fourth byte is the status of the device, and wrong bytes cannot be detected. `trailer` is
-    'crlf' if frames end with CR LF, 'none' if they do not, or 'auto' if this is unknown. Without a
-    checksum, `trailer` must not be 'none', because the beginning of frames could not be found.
+    the fourth byte is the status of the device, and a wrong reading cannot be detected. `trailer`
+    is 'crlf' if frames end with CR LF, 'none' if they do not, or 'auto' if this is unknown. Without
+    a checksum, `trailer` must not be 'none', because the beginning of frames could not be found.
 
     After an invalid frame, the decoder searches for the next place at which five consecutive frames
     are valid. The number of lost readings is computed from the number of skipped bytes, rounded up
-    to whole frames. A loss of whole frames is detected only by the clock of the samples.
+    to whole frames. A loss of whole frames leaves no invalid frame, so only the sample clock can
+    detect it.
     """
 
     def __init__(self, *, checksum: bool = True, trailer: str = 'auto') -> None:
@@ -131,7 +137,8 @@ class FrameDecoder(Decoder):
         """Decode the next bytes of the stream; return the readings that are complete now."""
         self._data = np.concatenate((self._data, np.frombuffer(data, np.uint8)))
         position = 0 if self.frame_bytes else self._find_size()
-        found: list[tuple[int, int]] = []  # position of the first byte, and number of frames
+        # Position of the first byte and number of frames of each run of valid frames.
+        found: list[tuple[int, int]] = []
         lost: list[int] = []
         places = _Places(self._data, self.frame_bytes or _WITHOUT, self._checksum)
         while self.frame_bytes:
@@ -145,7 +152,7 @@ class FrameDecoder(Decoder):
                 size = self.frame_bytes
                 if places.doubtful[begin : begin + _RUN * size : size].any():
                     # If bytes were lost within these five frames, the frames may seem valid at a
-                    # wrong place. Only the place after the five frames is certain.
+                    # wrong place. Skip them, because only the place after them is certain.
                     self._skip(_RUN * size)
                     position += _RUN * size
             number, broken = self._follow(places, position)
@@ -169,7 +176,7 @@ class FrameDecoder(Decoder):
             _Places(self._data, size, True) for size in (_WITH_TRAILER, _WITHOUT)
         )
         looked_at = max(len(self._data) - _AHEAD + 1, 0)
-        # Check for CR LF first, because frames with CR LF may also seem valid without it.
+        # Check for frames with CR LF first, because they may also seem to be frames without CR LF.
         for position in range(looked_at):
             if with_trailer.run[position : position + _WITH_TRAILER].any():
                 self.frame_bytes = _WITH_TRAILER

@@ -13,9 +13,9 @@ from checkweigher_core.records import NANOSECONDS
 from checkweigher_driver.serial.decoder import Decoded, Decoder
 from checkweigher_driver.serial.port import SerialError
 
-_RATE_PERIOD = 5.0  # time in s over which the rate is measured
-_RATE_TOLERANCE = 0.05
-_RESUMING = 0.1  # duration in s of the signal after a break that determines the index
+_RATE_PERIOD = 5.0  # time in s over which the sample rate is measured
+_RATE_TOLERANCE = 0.05  # smallest relative error of the sample rate that is reported
+_RESUMING = 0.1  # shortest duration in s of the reads that determine the index after a break
 
 
 class Read(NamedTuple):
@@ -46,7 +46,7 @@ class ValueReader:
     def reads(self, port: serial.Serial, decoder: Decoder) -> Iterator[Read]:
         """Yield each read with complete readings. Raises `SerialError` if the device is silent."""
         self.comes, self.trouble = False, ''
-        began, number = 0.0, 0  # start in s and number of readings of the measurement of the rate
+        began, number = 0.0, 0  # start of the rate measurement in s, and number of readings since
         last_value, idle_bytes = time.monotonic(), 0
         while not self._closed.is_set():
             # As long as the frame size is unknown, it is assumed to be one byte.
@@ -70,7 +70,8 @@ class ValueReader:
                 self._check_rate(number / (last_value - began))
                 began, number = last_value, 0
             self.comes = True
-            # The readings that still wait in the decoder have arrived later, at the sample rate.
+            # The readings that still wait in the decoder have arrived after the last reading in
+            # `values`, one in each sample period. Subtract this time.
             at = now - round(decoder.waiting * NANOSECONDS / self._rate)
             yield Read(values, at, len(data))
 
@@ -88,7 +89,7 @@ class ValueReader:
     def first_reads(self, port: serial.Serial, reads: Iterator[Read]) -> list[Read]:
         """Return the first reads after a break, up to a read whose time of arrival is known.
 
-        The time of arrival is unknown if the bytes have waited in the port.
+        The time of arrival is unknown if the bytes have waited in the input buffer of the port.
         """
         first, number = [], 0
         for read in reads:

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimation of the time of each sample from its index and from the times of the reads.
 
-Bus, operating system and scheduler can make a read late, but never early. The true line of time
-over index therefore lies below all points (index of the last sample of a read, time of the read).
+Bus, operating system and scheduler can make a read late, but never early. Each read is a point: the
+index of its last sample, and its time. The true line of time over index therefore lies below all
+points.
 The estimate is the line below all points that has the smallest mean distance from the points. This
 line is an edge of the lower convex hull of the points, namely the edge at the middle of the window
 (Zhang, Liu and Xia, INFOCOM 2002). A delay of all reads, such as the transmission time of a frame,
@@ -22,8 +23,9 @@ from itertools import pairwise
 
 from checkweigher_core.records import NANOSECONDS
 
-# Largest gradual correction of the stamps in ns. A larger step exceeds the parameter
-# clock_tolerance of the segmenter, so that the item on the belt becomes a fault.
+# Largest error of the stamps in ns that is corrected gradually. A larger error is corrected in one
+# step. The step exceeds the default of the parameter clock_tolerance of the segmenter, so that the
+# item on the belt gets the decision FAULT.
 _STEP = 20_000_000
 _WINDOW = 60.0  # duration in s of the signal to which the line is fitted
 _BUCKET = 1.0  # duration in s of the signal whose points are reduced to their convex hull
@@ -42,7 +44,7 @@ _Point = tuple[int, float]  # index, and delay in ns relative to the nominal sam
 
 @dataclass(slots=True)
 class _Line:
-    """Line of the delay relative to the nominal sample rate in ns over the index."""
+    """Linear function of the sample index: delay in ns relative to the nominal sample rate."""
 
     index: int
     offset: float
@@ -66,10 +68,10 @@ def _lower_hull(points: Sequence[_Point]) -> list[_Point]:
 
 
 class SampleClock:
-    """Estimator of the stamps of samples, by a line that is fitted to the times of the reads.
+    """Estimator of the stamps of samples, which fits a line to the times of the reads.
 
-    The true sample rate may differ by 2 % from `sample_rate` in Hz. `latency` is the shortest time
-    in s from a sample to the read that returns it.
+    The true sample rate may differ by up to 2 % from `sample_rate` in Hz. `latency` is the shortest
+    time in s from a sample to the read that returns it.
 
     A stamp depends only on the reads so far. In a settled clock, the stamps approach the line at a
     relative rate of at most 0.2 %, or jump to the line if they differ from it by more than 20 ms.
@@ -151,7 +153,7 @@ class SampleClock:
             self._refit()
 
     def _is_lasting(self, point: _Point) -> bool:
-        """Return whether reads have been late for longer than after a stall of the computer."""
+        """Return whether reads have been late for longer than a stalled computer can explain."""
         first, enough = self._late[0], _WARM_UP * self._rate
         elapsed = point[0] - first[0] + (point[1] - first[1]) / self._period
         return (
@@ -214,7 +216,9 @@ class SampleClock:
 
         ``clock drift ppm`` is the relative error of the sample period, and ``clock offset ms`` is
         the distance of the stamps from the line. ``read jitter ms`` and ``latest read ms`` are the
-        mean and the maximum delay of a read in the last second.
+        mean and the maximum delay of a read in the last second. ``clock steps`` and ``clock
+        shifts`` count the new lines that differ from the line before by more than 20 ms, and by
+        20 ms or less.
         """
         drift = offset = 0.0
         if self._fit is not None and self._out is not None:

@@ -106,7 +106,7 @@ class SerialSource(Source):
         self._closed = threading.Event()
         self._reading = False
         self._port: serial.Serial | None = None
-        self._broken = ''  # text on the last break, valid until readings arrive again
+        self._broken = ''  # message on the last break, valid until readings arrive again
         self._breaks = 0
         rate, latency = parameters.sample_rate, parameters.delay + frame_time
         in_block = max(1, round(parameters.block_duration * rate))
@@ -125,7 +125,7 @@ class SerialSource(Source):
         """Return a decoder for a new stream."""
 
     def _start_up(self, port: serial.Serial) -> tuple[str, str]:
-        """Set up the device for streaming; return model and serial number, empty if unknown."""
+        """Set up the device for streaming; return its model and serial number, empty if unknown."""
         return '', ''
 
     def _begin(self, port: serial.Serial) -> None:
@@ -135,7 +135,10 @@ class SerialSource(Source):
         """Stop the stream of the device."""
 
     def __iter__(self) -> Iterator[Event]:
-        """Yield blocks until `close`. Raises `SerialError` if a break ends with a new device."""
+        """Yield blocks until `close` is called.
+
+        Raises `SerialError` if another device answers after a break of the connection.
+        """
         self._reading = True
         try:
             while not self._closed.is_set():
@@ -217,7 +220,7 @@ class SerialSource(Source):
 
     @property
     def trouble(self) -> str:
-        """Present fault of the device in one line, empty without a fault."""
+        """Present fault of the device in one line, or an empty string if there is no fault."""
         if not self._reader.comes:
             return self._broken
         return self._reader.trouble and (
