@@ -134,5 +134,5 @@ def test_a_product_that_the_rejector_missed_stops_the_line_until_the_reset(
 
 
 def test_a_bad_output_parameter_is_refused(plc: Plc):
-    with spinning('refused'), pytest.raises(ValueError, match='coil 0 is also the rejector'):
+    with spinning('refused'), pytest.raises(ValueError, match='coil 0 is also used'):
         DriverNode({**outputs_of(plc), 'modbus_outputs.stop': 0})

@@ -1,9 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Record of the state of the belt, in a file that outlives the driver.
+"""Record of the state of the belt, in a file that is kept when the driver ends.
 
-The file is on the disk before the belt may run, so the next start detects that the driver was
-killed or lost its power while items may have been on the belt. The names of the items need not
+The state is on the disk before the belt may run. The next start therefore detects that the driver
+was killed or lost its power while items may have been on the belt. The names of the items need not
 survive a power cut. A separate thread writes them, so that the outputs do not wait for the disk
 while the belt runs.
 
@@ -25,7 +25,8 @@ import zlib
 from checkweigher_core.parameters import ParameterError
 from checkweigher_core.state_files import state_file, sync_folder
 
-_SIZE = 16_384  # size of the file in bytes, allocated at once, because the disk may be full later
+# Size of the file in bytes. It is allocated at the start, because the disk may be full later.
+_SIZE = 16_384
 _NAME = 'rejector.record'
 # Record of an empty belt from an earlier version, which wrote no checksum.
 _EMPTY_BEFORE = b'[false, [], []]'
@@ -46,7 +47,7 @@ class OnBelt:
 
     @classmethod
     def of_line(cls, data: bytes) -> Self:
-        """Return the state in the first line of a record; a damaged record means `released`."""
+        """Return the state in the first line of a record; `released` is true if it is damaged."""
         line = data.split(b'\n', 1)[0]
         if line == _EMPTY_BEFORE:
             return cls()
@@ -63,7 +64,7 @@ class OnBelt:
         return b'%08x %s\n' % (zlib.crc32(text), text)
 
     def to_look_for(self) -> tuple[str, ...]:
-        """Return the messages on products for which a person has to look at the next start."""
+        """Return a message for each product that a person has to look for at the next start."""
         if not self.released:
             return self.doubts
         known = f'{", ".join(self.items)}, and ' if self.items else ''
@@ -124,7 +125,8 @@ class BeltRecord:
             found = OnBelt()
             self._write(found)
             os.fsync(self._file)
-        with suppress(PermissionError):  # nor could this user remove the record
+        # A user who may not create this file may not remove the record either, so it is not needed.
+        with suppress(PermissionError):
             begun.touch()
         return found
 
@@ -161,7 +163,11 @@ class BeltRecord:
 
 
 def record_path(wanted: str, machine: str) -> Path:
-    """Return the path `wanted` or, if it is empty, a path named after the outputs `machine`."""
+    """Return the path `wanted` or, if it is empty, a default path.
+
+    The default path contains `machine`, the name of the outputs. Raises ParameterError if the user
+    has no home folder for the default path.
+    """
     if wanted:
         return Path(wanted)
     try:

@@ -8,7 +8,7 @@ import time
 
 from checkweigher_core.records import NANOSECONDS
 
-# Time in ns after a step of the real-time clock in which stamps from before the step may arrive.
+# Time in ns for which stamps from before a step of the real-time clock may arrive after the step.
 _DOUBT = 10 * NANOSECONDS
 _TRIES = 5
 

@@ -16,7 +16,7 @@ from checkweigher_driver.sources import EyeEvent, EyesBack, EyesLost
 
 @dataclass(frozen=True, slots=True)
 class Poll:
-    """States of infeed and outfeed eye, read between two times in ns on a monotonic clock."""
+    """States of infeed and outfeed eye, read between monotonic times `begin` and `end` in ns."""
 
     begin: int
     end: int
@@ -27,10 +27,10 @@ class EdgePolling:
     """Detector of edges in polls of the photo-eyes. All times are in ns.
 
     An edge whose uncertainty exceeds `max_uncertainty` counts as a loss of the eyes. A time without
-    polls in which a product may have passed also counts as a loss. The longest allowed time without
-    polls is the shorter of the times for which the last product covered the two eyes, but at least
-    twice `max_uncertainty` and at most `longest_gap`. `delay` is the time from an edge to the first
-    poll that can show it.
+    polls in which a product may have passed also counts as a loss. The last product covered each
+    eye for a certain time. The longest allowed time without polls is the shorter of these two
+    times, but at least twice `max_uncertainty` and at most `longest_gap`. `delay` is the time from
+    an edge to the first poll that can show it.
     """
 
     def __init__(self, max_uncertainty: int, longest_gap: int, delay: int) -> None:
@@ -46,9 +46,10 @@ class EdgePolling:
         self._polls = self._periods = self._round_trips = self._longest_round_trip = 0
 
     def add(self, poll: Poll, to_stamp: int) -> list[EyeEvent]:
-        """Add a poll; return the edges, the loss or the return of the eyes since the previous poll.
+        """Add a poll; return the edges since the previous poll, or a loss of the eyes and its end.
 
-        `to_stamp` is a stamp minus the simultaneous time of a poll, in ns.
+        `to_stamp` is the time in ns on the clock of the stamps minus the time on the clock of the
+        polls.
         """
         last, self._last = self._last, poll
         to_stamp -= self._delay
@@ -91,7 +92,7 @@ class EdgePolling:
         return min(self._longest_gap, max(covered, 2 * self._max_uncertainty))
 
     def lose(self, now: int, to_stamp: int, text: str) -> list[EyeEvent]:
-        """Return the loss of the eyes after a failed poll, or nothing if they were lost before."""
+        """Return the loss of the eyes after a failed poll, or an empty list if they are lost."""
         if self._lost:
             return []
         self._lost = True

@@ -22,7 +22,7 @@ from checkweigher_driver.line_io.rejector.switching import Levels
 from checkweigher_driver.sources import EdgeSource, EyeEvent, EyesBack, EyesLost
 
 _CONSUMER = 'checkweigher'
-_BUFFER_SIZE = 1024  # size of the event buffer of the kernel
+_BUFFER_SIZE = 1024  # number of events that the buffer of the kernel can hold
 _WAIT = 0.2  # longest wait for an event in s
 _Settings = dict[Iterable[int | str] | int | str, gpiod.LineSettings | None]
 _BIASES = {
@@ -87,7 +87,7 @@ class EdgeOrder:
 
 
 class GpioEyes(EdgeSource):
-    """Photo-eyes on GPIO lines, whose edges are stamped by the kernel on the clock of the host."""
+    """Photo-eyes on GPIO lines. The kernel stamps their edges on the real-time clock."""
 
     parameters = GpioEyesParameters
     trouble = ''
@@ -108,7 +108,10 @@ class GpioEyes(EdgeSource):
         return {'edges': self._edges, 'edges lost': self._order.lost}
 
     def events(self) -> Iterator[EyeEvent]:
-        """Yield edges and losses of edges until `close`. Raises OSError if the chip disappears."""
+        """Yield edges, and losses of the eyes and their ends, until `close` is called.
+
+        Raises OSError if the GPIO chip disappears.
+        """
         with self._request:
             while not self._closing.is_set():
                 try:
@@ -157,7 +160,7 @@ class GpioOutputParameters(Parameters):
 
     @property
     def station_lines(self) -> list[int]:
-        """Offsets of the lines of the stations."""
+        """Line offsets of the sorting stations."""
         return [int(line) for line in self.stations]
 
 
@@ -240,7 +243,7 @@ class GpioInputParameters(InputParameters):
 
 
 class GpioInputs(InputPort):
-    """Machine inputs on GPIO lines, whose edges are stamped by the kernel."""
+    """Machine inputs on GPIO lines. The kernel stamps their edges on the real-time clock."""
 
     parameters = GpioInputParameters
 
@@ -262,7 +265,10 @@ class GpioInputs(InputPort):
         self._levels = {}
 
     def read(self) -> list[Reading]:
-        """Return a reading for each edge since the last call, or one reading if there is none."""
+        """Return a reading for each edge since the last call.
+
+        If there was no edge within 0.2 s, return one reading of the present levels.
+        """
         if not self._levels or not self._lines.wait_edge_events(_WAIT):
             values = self._lines.get_values(list(self._names))
             on = (value is Value.ACTIVE for value in values)

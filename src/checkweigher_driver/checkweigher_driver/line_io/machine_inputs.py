@@ -37,7 +37,10 @@ InputEvent = ExternalReject | MachineConditions
 
 @dataclass(frozen=True)
 class InputParameters(Parameters):
-    """Parameters of the machine inputs. An input is an address (Modbus) or a line offset (GPIO)."""
+    """Parameters of the machine inputs.
+
+    The value of an input is its address (Modbus) or its line offset (GPIO).
+    """
 
     metal: int = _input('input that is on while the metal detector rejects an item; -1 for none')
     xray: int = _input('input that is on while the X-ray inspection rejects an item; -1 for none')
@@ -51,8 +54,8 @@ class InputParameters(Parameters):
     inverted: str = parameter('', 'names of the inverted inputs, such as "metal bins"')
     bin_time: float = parameter(
         1.0,
-        'time for which a bin input is off before the bin counts as full; shorter times are '
-        'products that fall past the sensor',
+        'time for which a bin input is off before the bin counts as full; products that fall past '
+        'the sensor switch it off for a shorter time',
         unit='s',
         minimum=0,
         maximum=60,
@@ -133,7 +136,10 @@ class InputWatch:
         )
 
     def lose(self, stamp: int) -> list[InputEvent]:
-        """Return unknown conditions after a failed reading, unless they were unknown before."""
+        """Return the event that the conditions are unknown, after a failed reading.
+
+        Returns an empty list if the conditions were reported as unknown before.
+        """
         if self._reported is not None and not self._reported.known:
             return []
         self._reported = MachineConditions(stamp, False)
@@ -157,7 +163,7 @@ class InputPort(ABC):
 
     @abstractmethod
     def read(self) -> list[Reading]:
-        """Return one or more readings. The call may block for some tenths of a second."""
+        """Return one or more readings. The method may block for some tenths of a second."""
 
     @abstractmethod
     def close(self) -> None:

@@ -58,16 +58,19 @@ class ModbusEyesParameters(_DeviceParameters):
     infeed_inverted: bool = parameter(False, 'whether the input is on while the eye is clear')
     outfeed_inverted: bool = parameter(False, 'whether the input is on while the eye is clear')
     poll_period: float = _delay(0.002, 'period of the polls')
-    delay: float = _delay(0.0, 'mean delay of an input by its filter and the cycle of the PLC')
+    delay: float = _delay(
+        0.0, 'mean delay of an input, which its filter and the cycle of the PLC cause'
+    )
     max_uncertainty: float = _delay(
         0.01,
-        'largest uncertainty of the time of an edge; a less certain edge is a loss of the eyes',
+        'largest uncertainty of the time of an edge; a less certain edge counts as a loss of the '
+        'eyes',
         minimum=1e-4,
     )
     longest_gap: float = _delay(
         0.05,
-        'longest time without a poll; a longer time is a loss of the eyes, because a product may '
-        'have passed',
+        'longest time without a poll; a longer time counts as a loss of the eyes, because a '
+        'product may have passed',
         minimum=1e-3,
     )
 
@@ -108,7 +111,7 @@ class ModbusEyes(EdgeSource):
         return self._polling.figures()
 
     def events(self) -> Iterator[EyeEvent]:
-        """Yield edges, losses and returns of the photo-eyes until `close`."""
+        """Yield edges, and losses of the eyes and their ends, until `close` is called."""
         try:
             while not self._closing.is_set():
                 begin = time.monotonic_ns()
@@ -181,13 +184,15 @@ class ModbusOutputParameters(_DeviceParameters):
             *(('stations', coil, 'another station') for coil in self.station_coils),
         ):
             if coil in used:
-                raise ParameterError(f'modbus_outputs.{name}: coil {coil} is also {used[coil]}')
+                raise ParameterError(
+                    f'modbus_outputs.{name}: coil {coil} is also used for {used[coil]}'
+                )
             if coil >= 0:
                 used[coil] = what
 
     @property
     def station_coils(self) -> list[int]:
-        """Addresses of the coils of the stations."""
+        """Coil addresses of the sorting stations."""
         return [int(coil) for coil in self.stations]
 
 
@@ -260,7 +265,9 @@ class ModbusInputParameters(_DeviceParameters, InputParameters):
     poll_period: float = _delay(
         0.005, 'period of the polls; a reject signal must last longer', maximum=0.2
     )
-    delay: float = _delay(0.0, 'mean delay of an input by its filter and the cycle of the PLC')
+    delay: float = _delay(
+        0.0, 'mean delay of an input, which its filter and the cycle of the PLC cause'
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

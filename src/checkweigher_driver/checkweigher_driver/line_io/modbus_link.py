@@ -22,7 +22,7 @@ class ModbusLink:
 
     `device_id` is the Modbus unit identifier. `timeout` is the longest wait in s for a connection
     and for each answer. A request without a valid answer raises ModbusLinkError. The connection is
-    then closed, because a late answer could be taken for the answer to the next request.
+    then closed; otherwise a late answer could be mistaken for the answer to the next request.
     """
 
     def __init__(self, host: str, port: int, device_id: int, timeout: float) -> None:
@@ -75,7 +75,7 @@ class ModbusLink:
         except (ModbusException, OSError) as error:
             self.close()
             raise ModbusLinkError(
-                # The text of pymodbus is left out, because it contains memory addresses.
+                # The message of pymodbus is left out, because it contains memory addresses.
                 f'{self._name}: {what}: no answer within {self._timeout:g} s '
                 f'({type(error).__name__})'
             ) from None

@@ -58,8 +58,8 @@ class MachineOutputs:
     is set. The outputs are in the safe state from `open` until `activate`, and after `safe` or
     `close`. The stop output is also set during a fault, without a fresh permission to run, after a
     product that the rejector may have missed, and if the previous run may have left items on the
-    belt. The last two causes hold until `reset`, or until a stop request that shows the product is
-    reset.
+    belt. The last two causes hold until `reset` is called, or until a person resets a stop request
+    whose text contains the messages on the products.
 
     A thread opens the port, and opens it again after an error. If `port` is None, the machine has
     no outputs.
@@ -83,14 +83,14 @@ class MachineOutputs:
 
     @property
     def ready(self) -> bool:
-        """Whether the outputs can be switched. Also true if the machine has none."""
+        """Whether the outputs can be switched. Also true if the machine has no outputs."""
         return not self._port_trouble
 
     def trouble_with(self, source: str) -> str:
-        """Return the one-line text of a new stop request, or '' if no new one is needed.
+        """Return the one-line text of a new stop request, or '' if no new request is needed.
 
-        `source` is the present fault of the source or the inputs. The text contains each fault and
-        also the missed products, because it replaces the text of the previous stop request.
+        `source` is the present fault of the source or the inputs, or ''. The text contains each
+        fault and all missed products, because it replaces the text of the previous stop request.
         """
         with self._changed:
             missed = self._control.missed
@@ -125,7 +125,10 @@ class MachineOutputs:
             control.make_safe()
 
     def take(self, record: EyeEdge | Item | Verdict | Permission | StopRequest | None) -> None:
-        """Update the outputs by a record of the line. None means a reset stop request."""
+        """Update the outputs after an edge, an item, a verdict, a permission or a stop request.
+
+        None means that the stop request was reset.
+        """
         now = time.monotonic_ns()
         with self._change() as control:
             match record:

@@ -42,7 +42,8 @@ class OutputParameters(Parameters):
     verdict_timeout: float = _duration(
         0.0,
         'longest time from a product at the outfeed eye to the next verdict, after which the '
-        'rejector ejects and the line stops; 0: the time of the previous product to the rejector',
+        'rejector ejects and the line stops; 0: the travel time of the previous product from that '
+        'eye to the rejector',
     )
     safe_state: str = parameter(
         'eject', 'state of the rejector while the driver is inactive', choices=('eject', 'retract')
@@ -159,7 +160,7 @@ class RejectorControl:
         return Levels(reject, stop, self._sorter.permits.given(now), tuple(stations))
 
     def _report_stop(self) -> None:
-        """Cancel the permits and report the rejected items, because the positions are unknown."""
+        """Cancel the permits and report the rejected items, because all positions are unknown."""
         self._sorter.permits.clear()
         bad = [each for each in self._items if each.decision not in (None, Decision.ACCEPT)]
         if names := [str(each) for each in bad if not each.reported]:
@@ -173,7 +174,7 @@ class RejectorControl:
         self.missed.add(f'{why} before all items had passed the rejector: {what}')
 
     def on_belt(self) -> OnBelt:
-        """Return the state of the belt for the next start."""
+        """Return the present state of the belt, which is recorded for the next start."""
         return OnBelt(self.motion.released, self._items.names(), self.missed.texts)
 
     def alive(self, begun: int, done: int) -> None:
@@ -208,7 +209,7 @@ class RejectorControl:
                 self._sorter.eject(now, f'{item} must be at the rejector by now; look for it')
 
     def edge(self, edge: EyeEdge, now: int) -> None:
-        """Update the items on the belt and the deadline of the next verdict by an edge."""
+        """Update the items on the belt and the deadline of the next verdict after an edge."""
         self._verdicts.edge(edge, now)
         self._items.edge(edge)
 
@@ -240,12 +241,15 @@ class RejectorControl:
         self.motion.measured = None
 
     def switched(self, before: Levels, after: Levels, due: Switches, begun: int, done: int) -> None:
-        """Report the outputs that were switched too late, between times `begun` and `done`."""
+        """Report the outputs that were switched too late. Switching took from `begun` to `done`."""
         for text in self._switching.add(before, after, due, begun, done):
             self.missed.add(text)
 
     def belt(self, running: bool | None, now: int) -> None:
-        """Record the state of the belt input, None without a belt input."""
+        """Record the state of the belt input, and extend the pulses if the belt starts.
+
+        `running` is None if there is no belt input.
+        """
         here = self.motion.measure(running, now)
         if here is not None:
             self._sorter.resume(here)

@@ -11,18 +11,25 @@ from checkweigher_driver.line_io.clock_steps import ClockStepWatch
 from checkweigher_driver.line_io.rejector.belt_items import BeltItem
 from checkweigher_driver.line_io.rejector.belt_motion import BeltMotion
 
-# A relative change of the travel time by more than this shows that two products were merged.
+# Relative change of the travel time above which two products were merged into one item. Only items
+# with one of the reasons in `_MAY_BE_TWO` are checked.
 _OTHER_TRAVEL = 0.2
 _MAY_BE_TWO = {Reason.DISTANCE_FAULT.value, Reason.EDGE_MISMATCH.value}
-# Longest travel time to the rejector in ns. A later reject time is on the clock of another machine.
+# Longest travel time to the rejector in ns. If a reject time is further in the future, it is on the
+# clock of another computer.
 _FURTHEST = 600 * NANOSECONDS
-# With these reasons the belt may have been stopped, so the speed of the item is unreliable.
+# If a verdict has one of these reasons, the belt may have been stopped during the passage of the
+# item, so its speed is unreliable.
 _SPEED_IN_DOUBT = {Reason.BELT_STOPPED.value, Reason.BELT_SPEED_CHANGED.value}
 _CLOCK_STEP = 5_000_000  # smallest step of the real-time clock that is detected, in ns
 
 
 class Times(NamedTuple):
-    """Times in ns of an item at its rejector or station, the outfeed eye, and the infeed eye."""
+    """Times in ns at which an item is at the rejector or a station, and at the two photo-eyes.
+
+    `due` is the time at the rejector or the station, `since` the time at the outfeed eye, and
+    `entered` the time at the infeed eye.
+    """
 
     due: int
     since: int | None
@@ -33,7 +40,7 @@ class Arrivals:
     """Conversion of the stamps in verdicts to times on the monotonic clock.
 
     If two products were merged into one item, its travel time from the infeed eye to the rejector
-    differs from the travel time of a single product.
+    differs from the travel time of a single product. The times of such an item count as unknown.
     """
 
     def __init__(self, motion: BeltMotion) -> None:
@@ -67,7 +74,10 @@ class Arrivals:
         return Times(due, t3, t1)
 
     def entered_before(self, verdict: Verdict, time: int) -> bool:
-        """Return whether an item entered the belt before time `time` and has not left it."""
+        """Return whether an item was at the infeed eye before `time`, and never at the outfeed eye.
+
+        `time` is in ns on the monotonic clock.
+        """
         to_monotonic = self.clock.look()
         if to_monotonic is None or verdict.t1 is None or verdict.t3 is not None:
             return False
@@ -78,7 +88,8 @@ class Arrivals:
     ) -> list[BeltItem]:
         """Return the items without a verdict that arrived at the rejector over `late` ns ago.
 
-        The travel time of the last item with a verdict is assumed.
+        Each item is assumed to have the travel time of the last item with a verdict. `to_monotonic`
+        is the monotonic time minus the real time in ns, or None if it is unknown.
         """
         if self._travel is None or to_monotonic is None:
             return []
@@ -94,7 +105,10 @@ class Arrivals:
 
 
 def at_station(verdict: Verdict, times: Times | None) -> Times | None:
-    """Return times with the arrival at the station of the item instead of the rejector."""
+    """Return `times` with the arrival of the item at its station instead of the rejector.
+
+    Returns None if the arrival is unknown. If the item has no station, `times` is unchanged.
+    """
     if times is None or not verdict.station:
         return times
     if verdict.station_at is None or verdict.reject_at is None:

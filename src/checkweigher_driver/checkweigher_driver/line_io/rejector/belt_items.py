@@ -18,8 +18,8 @@ class BeltItem:
 
     `entered` and `cleared` are the stamps in ns at which the item has blocked and cleared the
     infeed eye. `number` is 0 as long as it is unknown. `end` is the belt time in ns at which the
-    item has passed the rejector, None before its verdict. `reported` is true if the item has caused
-    a stop.
+    item has passed the rejector, or None before its verdict. `reported` is true if the item has
+    already caused a stop.
     """
 
     entered: int | None
@@ -50,7 +50,7 @@ class BeltItems(list[BeltItem]):
     """Items between the infeed eye and the rejector, in order of entry."""
 
     def edge(self, edge: EyeEdge) -> None:
-        """Add an item, or the end of its passage, after an edge of the infeed eye."""
+        """Add an item if it blocks the infeed eye, or record that the last item has cleared it."""
         if edge.eye != Eye.INFEED:
             return
         last = self[-1] if self else BeltItem(None)
@@ -77,7 +77,8 @@ class BeltItems(list[BeltItem]):
         """
         item = self._find(verdict.t1)
         if item is None:
-            item = BeltItem(verdict.t1)  # at the front, because `leave` removes items before it
+            # Insert the item at the front, because `leave` also removes items in front of it.
+            item = BeltItem(verdict.t1)
             self.insert(0, item)
         item.number, item.decision, item.end = verdict.item_id, verdict.decision, end
         if end is None:
@@ -98,7 +99,7 @@ class BeltItems(list[BeltItem]):
         ]
 
     def names(self) -> tuple[str, ...]:
-        """Return the names of the items for a person who looks for them."""
+        """Return the names of the items, for a message to the person who has to look for them."""
         names = tuple(str(each) for each in self[:_MAX_NAMES])
         more = len(self) - _MAX_NAMES
         return (*names, f'{more} more') if more > 0 else names

@@ -7,10 +7,11 @@ _MORE = 'and others'
 
 
 class MissedProducts:
-    """Messages `texts` on missed products, which stop the line until they are cleared.
+    """Messages on missed products, which stop the line until they are cleared.
 
-    `shown` is true if the stop request shows all messages; a person who resets it has then looked
-    for the products. `looked_at` is the time in ns at which the messages were cleared, or None.
+    `texts` contains the messages. `shown` is true if the stop request shows all messages. A person
+    who resets the stop request has then looked for the products. `looked_at` is the time in ns at
+    which the messages were cleared, or None.
     """
 
     def __init__(self) -> None:

@@ -44,7 +44,10 @@ class Permits:
         return True
 
     def deny(self, arrival: int) -> None:
-        """End the permits of earlier items before a rejected item arrives at `arrival`."""
+        """End the permits of earlier items before a rejected item arrives at the rejector.
+
+        `arrival` is the belt time in ns at which the rejected item arrives.
+        """
         self._windows = [
             (begin, min(end, arrival - self._pause) if begin < arrival else end)
             for begin, end in self._windows

@@ -106,7 +106,7 @@ class RejectPulses:
         self.skipped = 0
 
     def resume(self, here: int) -> None:
-        """Extend the future pulses after a stop of the belt at belt time `here` in ns."""
+        """Extend all unfinished pulses after a stop of the belt at belt time `here` in ns."""
         waiting = [(begin, end) for begin, end in self._pulses if end > here]
         self._pulses = []
         for begin, end in waiting:

@@ -38,7 +38,7 @@ class RunPermission:
         self._permission = now, permission.run
 
     def take_request(self, request: StopRequest | None) -> None:
-        """Update the latch by a stop request, or by None if the stop request was reset."""
+        """Record a stop request of the node reject, or None if the stop request was reset."""
         self._end_silence()
         if request is None:
             self._asked = ''
@@ -52,7 +52,10 @@ class RunPermission:
             self._missed.shown = True
 
     def _end_silence(self) -> None:
-        """Latch the stop request from before a silence, because a restart has cancelled it."""
+        """Add the stop request from before a silence of the node reject to the missed products.
+
+        Otherwise a restart of the node would cancel the stop request before a person has looked.
+        """
         if self._silent and self._asked:
             self._missed.add(self._asked)
         self._silent = False

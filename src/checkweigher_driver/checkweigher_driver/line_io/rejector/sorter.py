@@ -15,10 +15,11 @@ from checkweigher_driver.line_io.rejector.switching import Switches
 
 
 class Sorter:
-    """Schedules of the pulses of rejector and `stations`, and of the permits to pass.
+    """Schedules of the pulses of rejector and stations, and of the permits to pass the rejector.
 
-    A permit has a margin of `permit_margin` in ns at both ends. If `permit_margin` is None, the
-    machine has no permit output. An item that may have taken a wrong route is added to `missed`.
+    `stations` is the number of sorting stations in addition to the rejector. A permit has a margin
+    of `permit_margin` in ns at both ends. If `permit_margin` is None, the machine has no permit
+    output. An item that may have taken a wrong route is added to `missed`.
     """
 
     def __init__(
@@ -117,7 +118,10 @@ class Sorter:
             self._missed.add(f'{item}: {why}')
 
     def eject(self, now: int, why: str) -> None:
-        """Eject at once, even if another item is hit, and stop the line for the reason `why`."""
+        """Begin to eject at time `now`, even if another item is hit, and stop the line.
+
+        `why` is a message for the person who resets the stop.
+        """
         self._pulses[0].act(now)
         self._missed.add(why)
 
@@ -141,7 +145,7 @@ class Sorter:
             self._missed.add('the rejector could not be reached in time to act; look behind it')
 
     def resume(self, here: int) -> None:
-        """Extend the future pulses after a stop of the belt at belt time `here` in ns."""
+        """Extend all unfinished pulses after a stop of the belt at belt time `here` in ns."""
         for pulses in self._pulses:
             pulses.resume(here)
 

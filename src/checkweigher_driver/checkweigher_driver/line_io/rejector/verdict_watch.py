@@ -7,7 +7,7 @@ import math
 from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, Verdict
 from checkweigher_dsp.rejection.outfeed_watch import FLICKER
 
-_FIRST_TIMEOUT = NANOSECONDS  # deadline in ns before the first verdict with a reject time
+_FIRST_TIMEOUT = NANOSECONDS  # longest wait in ns until the first verdict with a reject time
 
 
 class VerdictWatch:
@@ -29,7 +29,7 @@ class VerdictWatch:
 
     @property
     def timeout(self) -> int:
-        """Present deadline of a verdict in ns after the product is at the outfeed eye."""
+        """Longest time in ns from a product at the outfeed eye to the next verdict at present."""
         return self._timeout or self._travel
 
     def edge(self, edge: EyeEdge, now: int) -> None:
@@ -52,7 +52,7 @@ class VerdictWatch:
         return stamp - self._last >= self._length and not 0 <= stamp - self._outfeed_clear < FLICKER
 
     def verdict(self, verdict: Verdict) -> None:
-        """Stop waiting for a verdict, also on earlier products, and update the travel time."""
+        """Stop waiting for the verdicts on all products so far, and update the travel time."""
         self._since = None
         if verdict.t3 is not None and verdict.reject_at is not None:
             self._travel = max(verdict.reject_at - verdict.t3, 0) or self._travel
