@@ -71,7 +71,7 @@ class AlarmList:
                 self._add(FAULT, reason, hint_of(reason))
 
     def add_started(self, nodes: set[str]) -> None:
-        """Add an alarm for each node that is started for at least the second time."""
+        """Add an alarm for each node in `nodes` that was started before in this run."""
         for node in nodes.intersection(NODES):
             if node in self._nodes:
                 self._add(NODE, node, _RESTARTED)
@@ -80,8 +80,8 @@ class AlarmList:
     def set_stop(self, request: StopRequest | None) -> None:
         """Begin the alarm of a stop request, and end the alarms of all other stop requests.
 
-        If `request` is None, all of them end. The reason NotReady is not an alarm, because it is
-        also used when a person stops the line.
+        If `request` is None, the alarms of all stop requests end. A request with the reason
+        NotReady is no alarm, because this reason is also used when a person stops the line.
         """
         if request is not None and request.reason is StopReason.NOT_READY:
             request = None

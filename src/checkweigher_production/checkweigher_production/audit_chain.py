@@ -23,7 +23,7 @@ PREDECESSOR = 'predecessor'
 
 @dataclass(frozen=True, slots=True)
 class LogChain:
-    """Audit log with all earlier logs in the same folder."""
+    """Audit log with the earlier logs of the same line, which are in the same folder."""
 
     logs: tuple[tuple[Path, Verification], ...]  # oldest first
     fault: str = ''  # reason why a log cannot be trusted or is missing, or empty
@@ -35,14 +35,18 @@ class LogChain:
 
     @property
     def identity(self) -> str:
-        """Name of the latest log, with number and hash of its last entry."""
+        """Text with the name of the latest log, the number of its entries, and its last hash."""
         path, found = self.logs[-1]
         last = _last_hash(found)
         return f'{path.name}, {len(found.entries)} entries, the last one has the hash {last}'
 
 
 def read_chain(path: Path) -> LogChain:
-    """Read an audit log and all earlier logs. Raises `AuditError` if `path` cannot be read."""
+    """Read an audit log and the earlier logs that its first entries name.
+
+    Raises `AuditError` if `path` cannot be read. If an earlier log cannot be read, this is stated
+    in `fault`.
+    """
     logs: list[tuple[Path, Verification]] = [(path, read_log(path))]
     faults = []
     while True:
@@ -56,7 +60,7 @@ def read_chain(path: Path) -> LogChain:
         older = newer.with_name(Path(str(named.get('file', ''))).name)
         try:
             if any(older == each for each, _ in logs):
-                raise AuditError(f'{older}: names itself')
+                raise AuditError(f'{older}: names itself as an earlier log')
             logs.insert(0, (older, read_log(older)))
         except AuditError as error:
             faults.append(f'the log before {newer.name} is missing: {error}')
@@ -71,7 +75,10 @@ def _last_hash(found: Verification) -> str:
 
 
 def predecessor_of(entries: Sequence[Entry]) -> dict[str, object] | None:
-    """Return the file, number of entries and last hash of the previous log, or None."""
+    """Return file, number of entries and last hash of the previous log, as a log names them.
+
+    Returns None if the log does not name a previous log in its first entry.
+    """
     for entry in entries[:1]:
         if (entry.kind, entry.subject) == (LOG, PREDECESSOR) and isinstance(entry.new, dict):
             return entry.new
@@ -101,7 +108,10 @@ def name_predecessor(log: AuditLog, time: str, source: str) -> None:
 
 
 def _written_by(path: Path, source: str) -> Iterator[tuple[str, str, int, str]]:
-    """Yield last time, name, number of entries and last hash of each other log of `source`."""
+    """Yield the last time, name, number of entries and last hash of each other log of `source`.
+
+    The logs are in the folder of `path`, which is the log that is left out.
+    """
     for other in logs_in(path.parent):
         with suppress(AuditError):
             entries = read_log(other).entries if other.name != path.name else ()

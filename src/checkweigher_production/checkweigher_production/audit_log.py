@@ -110,9 +110,10 @@ def read_log(path: Path, known_hash: str = '') -> Verification:
 
 
 def read_consistent(path: Path) -> tuple[bytes, bytes]:
-    """Return the contents of a log and its head at the same time. A missing head is empty.
+    """Return the contents of a log and of `LOG.head` as they were at the same time.
 
-    Raises `AuditError` if the log cannot be read.
+    If `LOG.head` is missing, its content is returned as empty. Raises `AuditError` if the log
+    cannot be read.
     """
     while True:  # repeated if an entry was added between the two reads
         head = _read_head(path)
@@ -138,7 +139,7 @@ def verify(data: bytes, head: bytes, known_hash: str = '') -> Verification:
     """Verify the bytes of a log.
 
     `head` contains the bytes of `LOG.head`, or is empty if that file is missing. If `known_hash` is
-    given, an entry must have this hash.
+    given, one of the entries must have this hash; otherwise the log counts as cut.
     """
     chain = _Chain()
     try:
@@ -166,11 +167,11 @@ class _Chain:
 
     entries: list[Entry] = field(default_factory=list)
     line: int = 1  # number of the next line
-    torn: bytes = b''  # incomplete entry after the valid ones
+    torn: bytes = b''  # incomplete entry after the valid entries
 
     def follow(self, data: bytes) -> None:
         """Check and add the entries of a log."""
-        others: list[bytes] = []  # invalid lines since the last entry
+        others: list[bytes] = []  # invalid lines since the last valid entry
         for line in data.split(b'\n'):
             entry = _parse(line)
             if entry is None:
@@ -184,7 +185,7 @@ class _Chain:
             self.entries.append(entry)
             self.line += 1
             others = []
-        # The last line should be empty, a torn entry, or an entry that lacks its end of line.
+        # After the last valid entry, there may be an end of line, a torn entry, or nothing.
         self.torn = b'\n'.join(others)
         if not _may_be_torn(self.torn, len(self.entries) + 1):
             raise self._changed()
@@ -211,7 +212,7 @@ class _Chain:
 def _may_be_torn(end: bytes, expected: int) -> bool:
     """Return whether `end` may be the entry with the number `expected`, torn by a power loss."""
     beginning = b'{"sequence":%d,' % expected
-    written = end.replace(b'\0', b'')  # after a power loss, some file systems leave zeros
+    written = end.replace(b'\0', b'')  # some file systems leave zero bytes after a power loss
     begun = written.startswith(beginning) or beginning.startswith(written)
     return begun and written.isascii() and written.decode().isprintable()
 
@@ -307,7 +308,7 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
         os.close(self._file)
 
     def trouble(self) -> str:
-        """Return the reason why no entry may be appended, or an empty text."""
+        """Return the reason why no entry may be appended, or an empty string."""
         own = os.fstat(self._file)
         try:
             there = self.path.stat()
@@ -342,8 +343,8 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
     ) -> Entry:
         """Append an entry and sync the file to the disk.
 
-        `who` is the person who makes the change, by default ``graph:`` and the `source`, and `why`
-        is the reason. Raises `AuditError` if the entry cannot be written.
+        `who` is the person who makes the change, by default ``graph:`` followed by `source`. `why`
+        is the reason that the person gave. Raises `AuditError` if the entry cannot be written.
         """
         if trouble := self.trouble():
             raise AuditError(f'{trouble}; restore it, and start the node product again')
@@ -355,7 +356,11 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
             raise AuditError(f'{self.path}: {error.strerror or error}') from None
 
     def _finish(self, time: str, source: str) -> None:
-        """Complete the last entry if a power loss or a kill has interrupted its writing."""
+        """Complete what a power loss or a kill has interrupted when the last entry was written.
+
+        If `LOG.head` lacks the last entry, `LOG.head` is written. If the log ends with a torn
+        entry, an entry that records it is written.
+        """
         if self._head != _head_line(self._count, self.last_hash):
             os.fsync(self._file)
             self._write_head(self._count, self.last_hash)
@@ -370,7 +375,7 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
         line = entry.line()
         if self.size + len(line) > MAX_LOG:
             raise AuditError(
-                f'{self.path}: no room for an entry of {len(line)} bytes: a log may have '
+                f'{self.path}: no room for an entry of {len(line)} bytes: a log may have at most '
                 f'{MAX_LOG >> 20} MiB; name another file'
             )
         self._put(line if self._ended else b'\n' + line, entry)

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Seals of an audit log: signed records of its hashes.
 
-If a whole log is rewritten, this can only be detected by someone who has noted one of its hashes. A
-seal is such a note. A seal contains the number and the hash of the last entry, the time, and the
+Only a person who has noted one of the hashes of a log can detect that the whole log was rewritten.
+A seal is such a note. A seal contains the number and the hash of the last entry, the time, and the
 hash of the previous seal, and is signed with Ed25519 (RFC 8032). Seals are stored in a separate
 file with one line of JSON per seal. Persons with write access to the log must not have access to
 the file with the seals or to the signing key.
@@ -55,8 +55,8 @@ def seals_path(log: Path) -> Path:
 def private_key(path: Path) -> Ed25519PrivateKey:
     """Return the signing key in a PEM file.
 
-    Raises `AuditError` if the file cannot be read, has no key, or is accessible to anyone except
-    its owner.
+    Raises `AuditError` if the file cannot be read, contains no Ed25519 private key, or is
+    accessible to anyone except its owner.
     """
     data = _read(path)
     if path.stat().st_mode & 0o077:
@@ -66,7 +66,10 @@ def private_key(path: Path) -> Ed25519PrivateKey:
 
 
 def public_key(path: Path) -> Ed25519PublicKey:
-    """Return the public key in a PEM file. Raises `AuditError` if the file has no such key."""
+    """Return the public key in a PEM file.
+
+    Raises `AuditError` if the file cannot be read or contains no Ed25519 public key.
+    """
     what = 'public key; make it of the private one: openssl pkey -in KEY -pubout -out PUBLIC'
     return _key(path, Ed25519PublicKey, partial(load_pem_public_key, _read(path)), what)
 
@@ -109,7 +112,7 @@ def read_seals(path: Path, key: Ed25519PublicKey) -> tuple[Seal, ...]:
 
 
 def broken_seal(seals: Sequence[Seal], entries: Sequence[Entry]) -> str:
-    """Return a text on the first difference between a log and its seals, or an empty text."""
+    """Return a message on the first difference between a log and its seals, or ''."""
     for seal in seals:
         begin = f'seal {seal.number} of {seal.time} covers entry {seal.entries}'
         if seal.entries > len(entries):
@@ -124,7 +127,8 @@ def hold_to_seals(
 ) -> tuple[tuple[Seal, ...], Verification]:
     """Compare a log with its seals. Returns the seals, and `found` with the fault if there is one.
 
-    Raises `AuditError` if the file with the seals does not exist.
+    `found` is the result of verifying the log, and `path` is the file with the seals. Raises
+    `AuditError` if this file does not exist.
     """
     if not path.exists():
         raise AuditError(f'{path}: there are no seals; name their file by --seals')

@@ -22,7 +22,8 @@ CLAIMED = 'claimed:'  # prefix of a name that was not checked
 class Author(NamedTuple):
     """Author of a change, and the reason that the author has given."""
 
-    # Person, CLAIMED and a name, or ``graph:`` and a node; empty for the node that writes the log.
+    # Name of a person, CLAIMED followed by a name, or ``graph:`` followed by the name of a node.
+    # Empty for the node that writes the log.
     who: str = ''
     why: str = ''
 
@@ -41,21 +42,22 @@ class Authors:
         self._callers: dict[str, tuple[Author, float]] = {}  # person and expiry time, by service
 
     def announce(self, author: Author, services: Sequence[str], now: float) -> None:
-        """Replace the services that a person is about to call."""
+        """Set the services that a person is about to call, instead of those announced before."""
         others = {n: known for n, known in self._callers.items() if known[0].who != author.who}
         self._callers = others | dict.fromkeys(services, (author, now + self._patience))
 
     def of(self, service: str, otherwise: str, now: float) -> Author:
-        """Return the person who calls a service or, without one, the node `otherwise`."""
+        """Return the announced caller of a service, or the node `otherwise` if there is none."""
         author, until = self._callers.get(service, (None, now))
         return Author(f'graph:{otherwise}') if author is None or until < now else author
 
 
 class AuditTrail:
-    """Writer of changes to the audit log. States and recipes are written only if they differ.
+    """Writer of changes to the audit log.
 
-    `source` is the name of this node, and `clock` returns the time of an entry (ISO 8601, UTC). If
-    `log` is None, the methods do not write anything.
+    A state or recipe is written only if it differs from the last one in the log. `source` is the
+    name of this node, and `clock` returns the time of an entry (ISO 8601, UTC). If `log` is None,
+    the methods do not write anything.
 
     `note`, `state`, `parameters` and `recipes` must be called before a change is made. If they
     raise `AuditError`, the change must not be made. `saw` and `saw_state` are for changes that have
@@ -116,7 +118,7 @@ class AuditTrail:
             self._append(*self._owed[0])
             self._owed.popleft()
         if self._refused:
-            text = f'{self._refused} changes, for the log could not be written: {self._reason}'
+            text = f'{self._refused} changes, because the log could not be written: {self._reason}'
             self._append(self._clock(), REFUSED, 'audit log', None, text, None)
             self._refused = 0
 

@@ -133,7 +133,7 @@ def states_in(entries: Sequence[Entry], batch: str) -> list[RecordState]:
 
 
 def fault_of(data: bytes, states: Sequence[RecordState]) -> str:
-    """Return why a record is broken, or an empty text.
+    """Return why a record is broken, or an empty string.
 
     `data` is the content of the file, and `states` are its states in the audit log.
     """
@@ -141,7 +141,7 @@ def fault_of(data: bytes, states: Sequence[RecordState]) -> str:
 
 
 def _broken_line(data: bytes) -> str:
-    """Return a text on the first line that was changed or states a fault, or an empty text."""
+    """Return a text on the first line that was changed or states a fault, or an empty string."""
     digest, is_chained = hashlib.sha256(), False
     for number, line in enumerate(io.BytesIO(data[: data.rfind(b'\n') + 1]), 1):
         digest.update(line[:-_HASH_SIZE])
@@ -156,7 +156,7 @@ def _broken_line(data: bytes) -> str:
 
 
 def _contradicted(data: bytes, states: Sequence[RecordState]) -> str:
-    """Return a text on the first contradiction to the audit log, or an empty text."""
+    """Return a text on the first contradiction to the audit log, or an empty string."""
     for state in states:
         size = len(data) if state.size < 0 else state.size
         when = f'{state.event} {state.time}'.strip()

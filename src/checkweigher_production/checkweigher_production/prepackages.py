@@ -152,7 +152,7 @@ class TareControl:
 
     @property
     def refusal(self) -> str:
-        """Reason why the mean must not be used as the tare, or an empty text."""
+        """Reason why the mean must not be used as the tare, or an empty string."""
         if len(self.masses) < _TARE_SAMPLE:
             return f'{len(self.masses)} empty packages, {_TARE_SAMPLE} are needed'
         if self.mean < _SMALL_TARE * self.nominal:
