@@ -3,14 +3,15 @@
 """Record of a batch: a file with one line of JSON for each event of the batch.
 
 The kinds of lines are begin, product (with its recipe), verdict, stop, filler, reset, broken and
-end. Each line ends with the SHA-256 of the file up to there, without the hash itself. Lines of
-older versions have a checksum or nothing instead. NaN and infinities are written as NaN, Infinity
-and -Infinity. A separate thread writes and syncs the lines, so that production does not wait for
-the disk. If the disk is full, the thread retries until the lines are written. A record without an
-end is continued after a restart.
+end. Each line ends with the SHA-256 hash of the file up to this hash. Lines of older versions have
+a checksum instead of the hash, or neither. NaN and infinities are written as NaN, Infinity and
+-Infinity. A separate thread writes and syncs the lines, so that production does not wait for the
+disk. If the disk is full, the thread retries until the lines are written. A record without an end
+is continued after a restart.
 
 The audit log contains the length and the hash of a record from each time that it was opened or
-closed. A record is broken if it contradicts the audit log, or if the hash of a line is wrong.
+closed, and from each call of `RecordWriter.note` in between. A record is broken if it contradicts
+the audit log, or if the hash of a line is wrong.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -42,7 +43,7 @@ from checkweigher_production.recipes import product_of
 
 SUFFIX = '.jsonl'
 _LONGEST = 200  # largest number of characters of a batch name in a file name
-_RETRY = 1.0  # time between two attempts to write in s
+_RETRY = 1.0  # time in s between two attempts to write
 _LONGEST_LINE = 2**16  # bytes
 _NEWER = ('station', 'station_at')  # fields of a verdict that are missing in old files
 _HASH = re.compile(rb',"hash":"([0-9a-f]{64})"}\n')  # end of a line
@@ -61,13 +62,13 @@ def record_path(folder: Path, batch: str) -> Path:
     """Return the path of the record of a batch. Raises `RecordError` if the name is too long."""
     name = quote(batch, safe=' ') or 'unnamed'
     if len(name) > _LONGEST:
-        rule = f'at most {_LONGEST}, of which others than A-Z, a-z and 0-9 count 3 or more'
+        rule = f'at most {_LONGEST} are allowed; all but A-Z, a-z and 0-9 count as 3 or more'
         raise RecordError(f'batch {one_line(batch, 40)!r}: {len(name)} characters, {rule}')
     return folder / f'{name}{SUFFIX}'
 
 
 def records_in(folder: Path) -> tuple[dict[str, Path], list[str]]:
-    """Return the paths of the records without an end by batch, and the faults of invalid records.
+    """Return the paths of records without an end, by batch, and the faults of invalid records.
 
     Only the first line and the end of each file are read.
     """
@@ -133,7 +134,7 @@ def states_in(entries: Sequence[Entry], batch: str) -> list[RecordState]:
 
 
 def fault_of(data: bytes, states: Sequence[RecordState]) -> str:
-    """Return why a record is broken, or an empty string.
+    """Return the reason why a record is broken, or an empty string.
 
     `data` is the content of the file, and `states` are its states in the audit log.
     """
@@ -141,7 +142,7 @@ def fault_of(data: bytes, states: Sequence[RecordState]) -> str:
 
 
 def _broken_line(data: bytes) -> str:
-    """Return a text on the first line that was changed or states a fault, or an empty string."""
+    """Return a message on the first line that was changed or states a fault, or ''."""
     digest, is_chained = hashlib.sha256(), False
     for number, line in enumerate(io.BytesIO(data[: data.rfind(b'\n') + 1]), 1):
         digest.update(line[:-_HASH_SIZE])
@@ -150,13 +151,13 @@ def _broken_line(data: bytes) -> str:
         if is_chained and (own is None or own[1].decode() != digest.hexdigest()):
             return f'line {number}: it or a line before it is not as it was written'
         if line.startswith(b'{"kind":"broken",'):
-            return f'line {number}: the line found it broken'
+            return f'line {number}: the node product found the record broken'
         digest.update(line[-_HASH_SIZE:])
     return ''
 
 
 def _contradicted(data: bytes, states: Sequence[RecordState]) -> str:
-    """Return a text on the first contradiction to the audit log, or an empty string."""
+    """Return a message on the first contradiction between a record and the audit log, or ''."""
     for state in states:
         size = len(data) if state.size < 0 else state.size
         when = f'{state.event} {state.time}'.strip()
@@ -187,7 +188,7 @@ def read_lines(path: Path) -> Iterator[dict[str, Any]]:
                     # Integers in ROS messages have at most 64 bits.
                     values = json.loads(line, parse_int=lambda text: int(np.int64(text)))
                     begins = values['kind'] == 'begin'
-                    checksum = values.pop('crc32', None)  # of older versions
+                    checksum = values.pop('crc32', None)  # only in lines of older versions
                     values.pop('hash', None)
                 except (ValueError, TypeError, KeyError, OverflowError, RecursionError):
                     begins = number > 1
@@ -222,7 +223,11 @@ def _begin(values: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _record_of(kind: type[_Record], values: Mapping[str, Any]) -> _Record:
-    """Return a record. Unknown fields are ignored. Only fields in `_NEWER` may be missing."""
+    """Return an instance of `kind` with the values of a line.
+
+    Unknown fields are ignored. Raises `RecordError` if a value cannot be used, or if a field that
+    is not in `_NEWER` is missing.
+    """
     own, hints = {}, get_type_hints(kind)
     for each in fields(kind):
         if each.name in values:
@@ -296,12 +301,16 @@ class RecordWriter:
         self._submit(self._append, line_of(kind, values))
 
     def settle(self, patience: float) -> None:
-        """Wait at most `patience` s until all earlier steps are done; the disk may be full."""
+        """Wait until all earlier steps are done, but at most `patience` s if the disk is full."""
         with suppress(TimeoutError):
             self._executor.submit(int).result(patience)
 
     def note(self) -> None:
-        """Add the state of the record to `states`, to protect its lines even if power is lost."""
+        """Add the present state of the record to `states`.
+
+        The audit log then protects the lines so far, even if the record is never closed because
+        power is lost.
+        """
         self._submit(self._note)
 
     def end(self, time: str) -> None:
@@ -327,7 +336,8 @@ class RecordWriter:
                 return
             except OSError as error:
                 self.trouble = f'{error.filename or self._folder}: {error.strerror or error}'
-                self._lost = self._closing.wait(_RETRY)  # after a lost line, none may be written
+                # If a line is lost, no later line may be written.
+                self._lost = self._closing.wait(_RETRY)
 
     def _create(self, path: Path, line: bytes) -> None:
         if not path.exists():
@@ -380,14 +390,17 @@ class RecordWriter:
 
 
 def line_of(kind: str, values: object) -> bytes:
-    """Return the line for a record or a mapping of values, without its hash and its end."""
+    """Return the line for a dataclass instance or a mapping, without its hash and its end."""
     given: Any = asdict(values) if is_dataclass(values) else values  # type: ignore[arg-type]
     line = {'kind': kind} | {n: v.name if isinstance(v, Decision) else v for n, v in given.items()}
     return _compact(line)[:-1]
 
 
 def _with_hash(line: bytes, before: 'hashlib._Hash') -> bytes:
-    """Return a line with the hash of the file up to it. `before` is that of the earlier lines."""
+    """Return a line with the hash of the file up to this hash, and with the end of the line.
+
+    `before` is the hash of the earlier lines.
+    """
     digest = before.copy()
     digest.update(line)
     return line + b',"hash":"%s"}\n' % digest.hexdigest().encode()

@@ -14,8 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 SUBGROUP = 5  # items
-REFERENCE = 20 * SUBGROUP  # items of the reference period that sets the limits
-_RUN = 7  # successive points on one side of the centre line, or rising, or falling
+REFERENCE = 20 * SUBGROUP  # number of items in the reference period that sets the limits
+# Number of successive means on one side of the centre line, or rising, or falling, which violates a
+# rule.
+_RUN = 7
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +31,8 @@ class ControlChart:
     upper: float
     spread: float  # centre line of the standard deviations
     spread_upper: float  # upper limit of the standard deviations
-    marks: tuple[str, ...]  # rule that a run of means violates, at its first mean; otherwise ''
+    # Rule that each mean violates, or '' if it violates no rule or the same rule as the last mean.
+    marks: tuple[str, ...]
 
 
 def control_chart(
@@ -71,7 +74,7 @@ def _subgroups(masses: Sequence[float]) -> NDArray[np.float64]:
 
 
 def begun(rules: Iterable[str]) -> tuple[str, ...]:
-    """Return the rules with only the first of successive equal ones; the others are empty."""
+    """Return the rules, but '' instead of each rule that equals the rule before it."""
     found = [*rules]
     return tuple(
         '' if rule == before else rule for before, rule in zip(['', *found], found, strict=False)

@@ -25,19 +25,31 @@ class FillerParameters(Parameters):
     node: ClassVar[str] = 'filler'
 
     target: float = parameter(
-        0.0, 'mean that the contents should have; 0 for nominal', unit='kg', minimum=0
+        0.0, 'target mass of the contents; 0 for the nominal quantity', unit='kg', minimum=0
     )
-    subgroup: int = parameter(10, 'items whose median is taken', minimum=1, maximum=1_000)
+    subgroup: int = parameter(
+        10,
+        'number of items whose median mass is compared with the target',
+        minimum=1,
+        maximum=1_000,
+    )
     delay: int = parameter(
-        0, 'items between filler and scale, not used after a step', minimum=0, maximum=10_000
+        0,
+        'number of items between filler and scale, which are ignored after a step',
+        minimum=0,
+        maximum=10_000,
     )
-    gain: float = parameter(0.5, 'share of the difference that a step takes', minimum=0, maximum=1)
+    gain: float = parameter(
+        0.5, 'step as a fraction of the difference from the target', minimum=0, maximum=1
+    )
     dead_band: float = parameter(
-        0.0, 'largest difference that is left as it is', unit='kg', minimum=0
+        0.0, 'largest difference from the target that is not corrected', unit='kg', minimum=0
     )
-    max_step: float = parameter(math.inf, 'largest step', unit='kg', minimum=0)
+    max_step: float = parameter(
+        math.inf, 'largest magnitude of a step of the set point', unit='kg', minimum=0
+    )
     max_correction: float = parameter(
-        0.0, 'largest sum of all steps, to either side; must be given', unit='kg', minimum=0
+        0.0, 'largest magnitude of the sum of all steps; must be given', unit='kg', minimum=0
     )
 
     def __post_init__(self) -> None:
@@ -80,7 +92,8 @@ class FillerController:
         if self._on_the_way:
             self._on_the_way -= 1
             return None
-        # A fault is ignored although it may have a mass, for example if the product contains metal.
+        # An item with the decision FAULT is ignored. It may have a mass, for example if it contains
+        # metal.
         if verdict.decision != Decision.FAULT and math.isfinite(verdict.mass):
             self._masses.append(verdict.mass - self._tare)
         if len(self._masses) < self._parameters.subgroup:

@@ -39,18 +39,29 @@ class PerformancePlan(Parameters):
         0.0, 'mass of the test product with its packaging', unit='kg', minimum=0, maximum=1e4
     )
     limit: float = parameter(
-        0.0, 'largest error of a pass to either side', unit='kg', minimum=0, maximum=1e3
+        0.0, 'largest magnitude of the error of a pass', unit='kg', minimum=0, maximum=1e3
     )
-    passes: int = parameter(3, 'passes of the test product', minimum=1, maximum=100)
+    passes: int = parameter(
+        3, 'number of passes of the test product in a test', minimum=1, maximum=100
+    )
     every_hours: float = parameter(
-        0.0, 'hours after which it is due again; 0 for no such rule', minimum=0, maximum=8760
+        0.0,
+        'hours from a passed test to the time at which the next one is due; 0 for no such rule',
+        minimum=0,
+        maximum=8760,
     )
     shifts: str = parameter(
-        '', 'times of day, of the computer, at which shifts begin, such as "06:00 14:00 22:00"'
+        '',
+        'local times of the computer at which shifts begin, such as "06:00 14:00 22:00"; a test is '
+        'due at each of them',
     )
-    every_batch: bool = parameter(False, 'whether it is due in each batch')
+    every_batch: bool = parameter(False, 'whether a test is due in each batch')
     grace: float = parameter(
-        900.0, 'time from its due time to the stop request', unit='s', minimum=0, maximum=86400
+        900.0,
+        'time from the due time of a test to the stop request',
+        unit='s',
+        minimum=0,
+        maximum=86400,
     )
 
     def __post_init__(self) -> None:
@@ -135,7 +146,7 @@ class PerformanceTests:
         return self.state.state is PerformanceState.RUNNING
 
     def remember(self, product: str, last: LastTest) -> None:
-        """Add the last test of a product from the audit log, unless one is known."""
+        """Set the last test of a product from the audit log, unless a test is known already."""
         self._known.setdefault(product, (last, last if last.passed else None))
 
     def select(self, product: str, batch: str, plan: PerformancePlan | None, now: int) -> None:
@@ -147,7 +158,7 @@ class PerformanceTests:
         self.advance(now)
 
     def plan_to_begin(self) -> PerformancePlan:
-        """Return the plan. Raises `ValueError` if no test may begin."""
+        """Return the plan of the test to begin. Raises `ValueError` if no test may begin now."""
         if self.plan is None:
             raise ValueError('the recipe of the product asks for no performance test')
         if self.wanted:

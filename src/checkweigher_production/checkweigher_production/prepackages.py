@@ -5,7 +5,7 @@
 The tolerable negative error (TNE) depends on the nominal quantity. A batch passes if its mean is at
 least the nominal quantity, at most 2.5 % of the prepackages are below TU1 = nominal - TNE, and none
 is below TU2 = nominal - 2 TNE. A TNE that is given in percent is rounded up to the next 0.1 g
-(2.4).
+(Annex I, 2.4).
 
 Nothing here is type-approved for legal metrology. The module `reference_method` contains the
 reference test of Annex II.
@@ -23,7 +23,9 @@ from checkweigher_dsp.rejection.batch_rules import ROUNDING
 
 MAX_SHARE_BELOW_TU1 = 0.025
 SMALLEST, LARGEST = 0.005, 10.0  # range of nominal quantities in kg
-_TARE_SAMPLE, _SMALL_TARE = 25, 0.05  # packages; tare relative to the nominal quantity
+# Smallest number of empty packages from which a tare is determined, and ratio of tare to nominal
+# quantity below which the standard deviation of the tare is not limited.
+_TARE_SAMPLE, _SMALL_TARE = 25, 0.05
 _STEP = 1e-4  # step in kg to which a TNE in percent is rounded up
 
 # Each row contains the largest nominal quantity in kg, and two summands of the TNE: the first is

@@ -12,7 +12,7 @@
         upper_limit: 0.165        # kg of contents
         length: [0.09, 0.12]      # m, shortest and longest
         speed: [0.5, 1.5]         # m/s, slowest and fastest
-        tu1_quota: 0.025          # share of the batch that may be between TU2 and TU1
+        tu1_quota: 0.025          # fraction of the accepted items that may be between TU2 and TU1
         mean_value: true          # the mean of the batch is never below nominal
         filler: {max_correction: 0.004, dead_band: 0.0002, delay: 6}  # feedback to the filler
         test: {mass: 0.1502, limit: 0.0005, every_hours: 8}  # performance test
@@ -69,7 +69,10 @@ Changes = dict[str, dict[str, object]]
 
 @dataclass(frozen=True)
 class Guard(Parameters):
-    """Parameters of the guard band, which narrows the limits by the deviation of each mass."""
+    """Parameters of the guard band.
+
+    The guard band narrows both limits by a multiple of the standard deviation of each mass.
+    """
 
     node: ClassVar[str] = 'guard'
 
@@ -85,36 +88,50 @@ class Guard(Parameters):
 class Product(NanEqual, Settings):
     """Recipe of one product. Masses are in kg."""
 
-    name: str = parameter(text='by which the operator selects it')
+    name: str = parameter(text='name by which the operator selects the product')
     nominal: float = parameter(
-        text='NominalWeight of OPC 40200', unit='kg', minimum=0, maximum=_LARGEST_MASS
+        text='nominal quantity of the contents (NominalWeight of OPC 40200)',
+        unit='kg',
+        minimum=0,
+        maximum=_LARGEST_MASS,
     )
-    tare: float = parameter(0.0, 'of the packaging', unit='kg', minimum=0, maximum=_LARGEST_MASS)
+    tare: float = parameter(
+        0.0, 'mass of the packaging', unit='kg', minimum=0, maximum=_LARGEST_MASS
+    )
     lower_limit: float = parameter(
         -math.inf,
-        'LowerToleranceLimit, or a limit of 76/211/EEC',
+        'lower limit of the contents (LowerToleranceLimit), or TU1 or TU2 of 76/211/EEC',
         unit='kg',
         minimum=0,
         choices=('TU1', 'TU2'),
     )
     upper_limit: float = parameter(
-        math.inf, 'UpperToleranceLimit', unit='kg', maximum=_LARGEST_MASS
+        math.inf,
+        'upper limit of the contents (UpperToleranceLimit)',
+        unit='kg',
+        maximum=_LARGEST_MASS,
     )
     # Limits in kg, NaN if 76/211/EEC has none for this nominal weight. A batch record contains the
     # limits that applied when the batch began.
-    tu1: float = parameter(math.nan, 'TU1, instead of that of 76/211/EEC', unit='kg', minimum=0)
-    tu2: float = parameter(math.nan, 'TU2, instead of that of 76/211/EEC', unit='kg', minimum=0)
+    tu1: float = parameter(
+        math.nan, 'TU1, if it differs from the value of 76/211/EEC', unit='kg', minimum=0
+    )
+    tu2: float = parameter(
+        math.nan, 'TU2, if it differs from the value of 76/211/EEC', unit='kg', minimum=0
+    )
     length: tuple[float, float] = parameter(
-        (0.0, math.inf), 'smallest and largest', unit='m', minimum=0, maximum=1e3
+        (0.0, math.inf), 'smallest and largest length', unit='m', minimum=0, maximum=1e3
     )
     speed: tuple[float, float] = parameter(
-        (0.0, math.inf), 'smallest and largest', unit='m/s', minimum=0, maximum=1e3
+        (0.0, math.inf), 'smallest and largest belt speed', unit='m/s', minimum=0, maximum=1e3
     )
-    reason: bool = parameter(False, 'whether a person at the page must give a reason')
-    parameters: Mapping[str, Any] = parameter(None, 'further ones, by node and name')
+    reason: bool = parameter(False, 'whether a person at the page must give a reason for a change')
+    parameters: Mapping[str, Any] = parameter(
+        None, 'values of other parameters of the nodes, by node and name'
+    )
     tu1_quota: float = parameter(
         math.nan,
-        'share of a batch that may be below TU1; NaN for no such rule',
+        'fraction of the accepted items of a batch that may be below TU1; NaN for no such rule',
         minimum=0,
         maximum=MAX_SHARE_BELOW_TU1,
     )
@@ -123,7 +140,7 @@ class Product(NanEqual, Settings):
     test: PerformancePlan | None = parameter(None, 'performance test')
     guard: Guard | None = parameter(None, 'guard band at the limits')
     price: float = parameter(
-        math.nan, 'of the contents, per kg in any currency', minimum=0, maximum=1e9
+        math.nan, 'price of the contents per kg, in any currency', minimum=0, maximum=1e9
     )
     release_by: int = parameter(
         1, 'number of persons who must have signed when a batch is released', minimum=1, maximum=2
@@ -174,7 +191,7 @@ class Product(NanEqual, Settings):
             mass = self.tu2 if given == 'TU2' else given
             if isinstance(mass, str) or not (mass == -math.inf or math.isclose(mass, self.tu2)):
                 raise SettingsError(
-                    'items from TU2 to TU1 are what it is about, so lower_limit must be TU2, not '
+                    'the quota is for items from TU2 to TU1, so lower_limit must be TU2, not '
                     f'{given}',
                     'tu1_quota',
                 )
@@ -210,7 +227,7 @@ class Product(NanEqual, Settings):
         return flatten(self.parameters) | flatten({'reject': self.limits()})
 
     def unresolved(self, std_dev: float) -> str:
-        """Return why a scale cannot resolve the tolerances of the recipe, or '' if it can.
+        """Return the reason why a scale cannot resolve the tolerances of the recipe, or ''.
 
         `std_dev` is the stated standard deviation of a mass in kg, or NaN. Twice this deviation may
         be at most a fifth of the tolerable negative error, as German FPackV (Annex 7, 1 b)
@@ -233,7 +250,7 @@ class Product(NanEqual, Settings):
         return ''
 
     def on_line(self, batch: str) -> ProductOnLine:
-        """Return the product and its limits in the form for the reject node."""
+        """Return the product and its limits as the message for the reject node."""
         limits: dict[str, Any] = self.limits()
         return ProductOnLine(0, self.name, batch, needed=True, **limits)
 
@@ -242,7 +259,7 @@ class Product(NanEqual, Settings):
 class RecipeFile(Settings):
     """Content of a recipe file."""
 
-    products: Mapping[str, Product] = parameter(text='recipes by the names of the products')
+    products: Mapping[str, Product] = parameter(text='recipes, by product name')
 
 
 def read_recipes(path: Path) -> dict[str, Product]:
@@ -251,7 +268,7 @@ def read_recipes(path: Path) -> dict[str, Product]:
 
 
 def given_recipes(path: Path) -> dict[str, dict[str, Any]]:
-    """Return the keys of each recipe in a recipe file, by product name.
+    """Return the keys of each recipe as a recipe file gives them, with their values, by product.
 
     Raises `SettingsError` if a recipe is not valid.
     """
@@ -273,7 +290,7 @@ def change_recipe(path: Path, name: str, keys: Mapping[str, Any] | None) -> None
         elif name not in products:
             raise SettingsError(f'there is no recipe {name!r}')
         elif len(products) == 1:
-            raise SettingsError(f'{name!r} is the only recipe; add another one before')
+            raise SettingsError(f'{name!r} is the only recipe; add another recipe first')
         else:
             del products[name]
         settings_of(RecipeFile, content)
@@ -315,7 +332,7 @@ def product_of(values: Mapping[str, Any]) -> Product:
 def _check_filler(filler: FillerParameters, nominal: float) -> None:
     if filler.target and not _is_near(filler.target, nominal):
         raise SettingsError(
-            f'{filler.target:g} kg is more than half off nominal, {nominal:g} kg',
+            f'{filler.target:g} kg differs by more than half from nominal, {nominal:g} kg',
             'filler',
             'target',
         )
@@ -327,7 +344,9 @@ def _check_filler(filler: FillerParameters, nominal: float) -> None:
 def _check_test(test: PerformancePlan, gross: float) -> None:
     if not _is_near(test.mass, gross):
         raise SettingsError(
-            f'{test.mass:g} kg is more than half off nominal and tare, {gross:g} kg', 'test', 'mass'
+            f'{test.mass:g} kg differs by more than half from nominal plus tare, {gross:g} kg',
+            'test',
+            'mass',
         )
     if test.limit >= test.mass * _LARGEST_ERROR:
         raise SettingsError(
@@ -345,7 +364,9 @@ def _parameters(given: Mapping[str, Any] | None) -> Changes:
     for node, section in (given or {}).items():
         if node not in NODES:
             raise SettingsError(
-                f'no recipe sets them; it may set {", ".join(NODES)}', 'parameters', node
+                f'no recipe may set parameters of this node, only of {", ".join(NODES)}',
+                'parameters',
+                node,
             )
         if not isinstance(section, dict):
             raise SettingsError(

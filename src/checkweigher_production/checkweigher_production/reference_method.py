@@ -15,10 +15,10 @@ prepackage in the sample may be below TU2 is from the examples in the Guide to t
 System in Australia.
 
 All prepackages of a batch of fewer than 100 are tested (2.1.3). The directive has no criteria for
-this case. By UK SI 2006/659, schedule 2, at most 5 % of the batch may be below TU1 (3.6), and its
-mean must be at least the nominal quantity (4.7). No prepackage may be below TU2, because such a
-prepackage may not be sold (76/211/EEC, Annex I, 5). A batch at the end of the packing line may have
-more than 10,000 prepackages (2.1.2).
+this case. By UK SI 2006/659, schedule 2, at most 5 % of the batch may be below TU1 (3.6), and the
+mean of the batch must be at least the nominal quantity (4.7). No prepackage may be below TU2,
+because such a prepackage may not be sold (76/211/EEC, Annex I, 5). A batch at the end of the
+packing line may have more than 10,000 prepackages (2.1.2).
 
 Nothing here is type-approved for legal metrology.
 """
@@ -64,12 +64,12 @@ _MEANS = {
 
 @dataclass(frozen=True, slots=True)
 class SampleResult:
-    """Number of defective prepackages in the samples up to this one, and its limits."""
+    """Number of defective prepackages in the samples up to this one, and limits of this number."""
 
-    count: int  # size of the samples up to this one
-    defective: int  # number of prepackages below TU1
-    accept: int
-    reject: int
+    count: int  # number of prepackages in the samples up to this one
+    defective: int  # number of these prepackages that are below TU1
+    accept: int  # largest number of defective prepackages with which the batch is accepted
+    reject: int  # smallest number of defective prepackages with which the batch is rejected
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,11 +100,11 @@ class ReferenceTest:
 def reference_test(
     masses: Sequence[float], nominal: float, seed: int = 1, plan: SamplingPlan = SamplingPlan.DOUBLE
 ) -> ReferenceTest:
-    """Judge a batch by random samples.
+    """Test a batch by random samples.
 
     `masses` contains the net mass of each prepackage in kg, `nominal` is the nominal quantity in
-    kg, and `seed` is the seed of the random draw.
-    If there are fewer than 100 prepackages, all of them are tested.
+    kg, and `seed` is the seed of the random draw. If there are fewer than 100 prepackages, all of
+    them are tested.
 
     Raises `ValueError` if the batch is empty, a mass is not finite, or the directive has no limits
     for `nominal`.

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""File with the selected product, its limits and the batch, which survives a restart."""
+"""File with the selected product, its limits and the batch, from which a restart restores them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -26,11 +26,15 @@ class Selection(Settings):
     """Last selection of product, limits and batch on the line."""
 
     batch: str = parameter('', 'name of the batch')
-    before: str = parameter('', 'batch before, whose record may lack its end')
-    products: Mapping[str, Product] = parameter(None, 'recipe of the product, if there is one')
-    limits: Mapping[str, Any] = parameter(None, 'limits of the product, in use at the reject node')
-    entry: str = parameter('', 'hash of the last entry of the audit log at that time')
-    sha256: str = parameter('', 'of all others')
+    before: str = parameter('', 'name of the previous batch, whose record may lack its end')
+    products: Mapping[str, Product] = parameter(
+        None, 'recipe of the selected product, by product name; none without a product'
+    )
+    limits: Mapping[str, Any] = parameter(
+        None, 'limits of the product that the reject node uses, by parameter name'
+    )
+    entry: str = parameter('', 'hash of the last entry of the audit log when the file was written')
+    sha256: str = parameter('', 'SHA-256 of all other fields, hexadecimal')
 
     @classmethod
     def of(
@@ -44,20 +48,20 @@ class Selection(Settings):
 
     @classmethod
     def prepared(cls, content: Any) -> Any:
-        """Return the content of a file. Raises `SettingsError` if its digest is wrong."""
+        """Return the content of a file. Raises `SettingsError` if its SHA-256 is wrong."""
         if not isinstance(content, dict) or content.get('sha256') != _digest(content):
             raise SettingsError(f'was changed after it was written; {_ANEW}')
         return content
 
     @property
     def product(self) -> Product | None:
-        """Recipe of the selected product, or None without a product or its limits."""
+        """Recipe of the selected product, or None if the product or a limit is missing."""
         known = (self.limits or {}).keys() == {*LIMITS}
         return next(iter((self.products or {}).values()), None) if known else None
 
     @property
     def on_line(self) -> ProductOnLine | None:
-        """Selected product and its limits for the reject node, or None."""
+        """Selected product and its limits as the message for the reject node, or None."""
         product = self.product
         return None if product is None else replace(product.on_line(self.batch), **self.limits)
 

@@ -19,9 +19,9 @@ from checkweigher_production.prepackages import ROUNDING
 from checkweigher_production.recipes import Product
 
 _MINUTE = 60 * NANOSECONDS
-_LATEST = 25  # number of latest masses whose stated deviations are used
+_LATEST = 25  # number of latest masses whose stated standard deviations are used
 _NO_PRODUCT = Product('', math.nan)
-# Verdicts with these reasons may belong to the previous stream.
+# Verdicts with these reasons may belong to the previous stream, so their times are not used.
 _OF_STREAM_BEFORE = {Reason.STREAM_ENDED, Reason.SOURCE_RESTARTED}
 
 
@@ -36,7 +36,7 @@ class ProductionStatistics:
         self._below_tu1 = self._below_tu2 = 0
         self._length_faults = self._speed_faults = 0
         self._stamp: int | None = None  # largest t3 in ns
-        # Smallest t3 and largest t3 in ns, and number of t3, since the start of the stream.
+        # Smallest and largest t3 in ns, and number of items with a t3, since the stream started.
         self._timed: tuple[int, int, int] | None = None
 
     def add(self, verdict: Verdict) -> None:
@@ -56,7 +56,7 @@ class ProductionStatistics:
             self._below_tu2 += mass < product.tu2 - slack
 
     def begin_stream(self) -> None:
-        """Restart the measurement of the throughput. A new stream may have another clock."""
+        """Restart the measurement of the throughput, because a new stream may use another clock."""
         self._timed = None
 
     def add_estimate(self, estimate: MassEstimate) -> bool:
@@ -104,7 +104,7 @@ class ProductionStatistics:
         )
 
     def _throughput(self) -> float:
-        """Return the items per minute since the start of the stream, or NaN below two items."""
+        """Return the items per minute since the stream started, or NaN for fewer than two items."""
         first, last, count = self._timed or (0, 0, 0)
         return math.nan if first == last else (count - 1) * _MINUTE / (last - first)
 
@@ -117,9 +117,10 @@ class ProductionRecord:
         self.product: Product | None = None
         self._all: dict[tuple[str, str], ProductionStatistics] = {}
         self._tallies: dict[tuple[str, str], BatchTally] = {}
-        # Number, t1 and t3 of the last items without a product, as many as the topic keeps.
+        # Item number, t1 and t3 of the last items without a product. The topic verdict keeps the
+        # same number of messages for a restarted node.
         self._without_product = deque[tuple[int, int | None, int | None]](maxlen=1000)
-        self._std_devs = deque[float](maxlen=_LATEST)  # stated for the latest masses, in kg
+        self._std_devs = deque[float](maxlen=_LATEST)  # standard deviations in kg, as stated
 
     @property
     def _key(self) -> tuple[str, str]:
@@ -141,9 +142,10 @@ class ProductionRecord:
     def add(self, verdict: Verdict) -> bool:
         """Count an item for the product and batch of its verdict; return whether it was new.
 
-        A restarted node receives verdicts again. An item is new if the number of items in its
-        verdict, which counts the items of the batch, exceeds that of all earlier verdicts. An
-        item without a product is new if no recent one has the same item number and times.
+        A restarted node receives verdicts again. A verdict contains the number of items in its
+        batch so far. An item is new if this number exceeds that of all earlier verdicts on its
+        product and batch. An item without a product is new if no recent item without a product has
+        the same item number and times.
         """
         key = verdict.product, verdict.batch if verdict.product else self.batch
         if verdict.product:
@@ -173,7 +175,7 @@ class ProductionRecord:
         return self.current.summary(self.batch)
 
     def has_batch(self, batch: str) -> bool:
-        """Return whether a batch name is in use by the present batch or in the counts."""
+        """Return whether a name is that of the present batch or of a batch with counted items."""
         return batch == self.batch or any(name == batch for _, name in self._all)
 
     def begin_stream(self) -> None:
@@ -182,7 +184,7 @@ class ProductionRecord:
             each.begin_stream()
 
     def reset(self) -> None:
-        """Count the present product in the present batch from 0."""
+        """Reset the statistics of the present product in the present batch to 0 items."""
         self._all[self._key] = ProductionStatistics(self.product)
 
 
