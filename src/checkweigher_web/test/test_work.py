@@ -39,7 +39,7 @@ def test_a_person_works_on_the_line_by_the_page_alone(tmp_path: Path):
         # The product name is a script. Its recipe requires a reason for each later action.
         assert SCRIPT in person.does('Product', '✓', 'Select', choice=SCRIPT)
         person.log_out()
-        used = "batch 'L1': a name that was not used before is needed"
+        used = "batch 'L1': a batch needs a name that was not used before"
         assert line.noted('anna') == [
             text
             for what, ending in (

@@ -25,7 +25,7 @@ from checkweigher_production.recipes import Product
 from checkweigher_production.selection import Selection, read_selection, write_selection
 from checkweigher_production.statistics import ProductionRecord
 
-_PATIENCE = 5.0  # longest time in s that a start waits for the disk
+_PATIENCE = 5.0  # longest time in s for which a starting node waits for the disk
 
 
 class LineBatches:
@@ -62,10 +62,10 @@ class LineBatches:
         self._log = log
         self._note: Callable[[RecordState], object] | None = None
         self._filler: FillerController | None = None
-        self._corrected = '', 0.0  # last product, and the last correction of its filler in kg
+        self._corrected = '', 0.0  # last product, and the last correction for it in kg
         self._folder = Path(folder)
         self._writer: RecordWriter | None = None
-        self._open: dict[str, Path] = {}  # records without an end, except the present one
+        self._open: dict[str, Path] = {}  # records without an end, except the present record
         self._left_out: list[str] = []  # faults of invalid records
         self._forgotten = ''  # reason why the last selection is unknown, or empty
         self._batch = self._before = ''  # batch of the present record, and the batch before it
@@ -200,7 +200,10 @@ class LineBatches:
             self.write('product', {'name': product.name, **plain(product)})
 
     def control_filler(self, product: Product) -> None:
-        """Begin the feedback to the filler for a product, with its last correction if known."""
+        """Begin the feedback to the filler for a product.
+
+        The feedback continues with the last correction of this product, if it is known.
+        """
         last, correction = self._corrected
         correction = correction if last == product.name else 0.0
         self._corrected, self._filler = (product.name, correction), None
@@ -216,7 +219,10 @@ class LineBatches:
         return is_new
 
     def feedback(self, verdict: Verdict) -> FillerFeedback | None:
-        """Return and record the feedback to the filler if the item completes a subgroup."""
+        """Return and record the feedback to the filler, or return None without feedback.
+
+        There is feedback if the item completes a subgroup and the product has a filler.
+        """
         found = self._filler.add(verdict) if self._filler is not None else None
         if found is not None:
             self._corrected = found.product, found.correction
@@ -253,22 +259,22 @@ class LineBatches:
         return self._writer is not None and record_path(self._folder, batch).exists()
 
     def may_begin(self, batch: str) -> bool:
-        """Return whether a batch of this name may begin.
+        """Return whether a batch with the name `batch` may begin.
 
-        The name must be unused. After a restart without a batch in progress, it may also be that of
-        a record without an end.
+        The name must be unused. If no batch is in progress after a restart, it may also be the name
+        of a batch whose record has no end. This batch then continues.
         """
         if self.doubt and batch in self._open:
             return True
         return not (self.production.has_batch(batch) or self.has_record(batch))
 
     def note(self) -> None:
-        """Add the state of the record to those for the audit log."""
+        """Add the present state of the record to the states that `states` yields."""
         if self._writer is not None:
             self._writer.note()
 
     def states(self) -> Iterator[RecordState]:
-        """Yield the states of records for the audit log since the last call."""
+        """Yield the states of records that must be written to the audit log, once each."""
         while self._writer is not None and not self._writer.states.empty():
             state = self._writer.states.get()
             if state.broken:

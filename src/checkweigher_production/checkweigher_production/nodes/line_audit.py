@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Audit log of a line, for changes that its nodes are about to make and for changed parameters."""
+"""Audit log of a line: changes that its nodes are about to make, and changed parameters."""
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -24,8 +24,8 @@ from checkweigher_production.audit_log import MAX_LOG, AuditError, AuditLog
 from checkweigher_production.audit_trail import CLAIMED, AuditTrail, Author, Authors
 from checkweigher_production.batch_record import RecordState, has_ended
 
-_LONGEST_NAME = 64  # characters of the name of a person
-_CALL_PATIENCE = 150.0  # longest time from the announcement of a service call to its end in s
+_LONGEST_NAME = 64  # largest number of characters in the name of a person
+_CALL_PATIENCE = 150.0  # longest time in s from the announcement of a service call to its end
 
 
 class LineAudit:
@@ -63,7 +63,8 @@ class LineAudit:
         self.trail.saw(changes.SOFTWARE, 'line', known, legal_software().value)
         last = log.entries[-1].time if log is not None and log.entries else ''
         if last > (now := clock()):
-            self.trail.saw(changes.CLOCK, 'start', last, now)  # the clock was set back since then
+            # The clock was set back after the last entry of the log was written.
+            self.trail.saw(changes.CLOCK, 'start', last, now)
         # Subject, node and service of each kind of change that a node makes on request.
         self._asked = {
             changes.ZERO: (ports.ZERO, 'segmenter', ports.ZERO),
@@ -73,7 +74,10 @@ class LineAudit:
         }
 
     def awaits(self, nodes: set[str]) -> bool:
-        """Return whether parameters of `nodes` must not be set, because the log lacks them."""
+        """Return whether parameters of one of `nodes` must still be read and written to the log.
+
+        Until then, no parameter of `nodes` may be set.
+        """
         return self._log is not None and not self._unread.isdisjoint(nodes)
 
     def add_started(self, nodes: set[str]) -> None:
@@ -87,16 +91,19 @@ class LineAudit:
         """
         for node, values in changes.items():
             if node not in ports.NODES:
-                raise AuditError(f'{node}: is no node of the line')
+                raise AuditError(f'{node}: is not a node of the line')
             self._announced[node] = time.monotonic()
             self.trail.parameters(f'{self._namespace}/{node}', values, by)
 
     def author_of(self, service: str, node: str = 'product') -> Author:
-        """Return the person who calls a service or, if no person is announced, the node `node`."""
+        """Return the person announced as the caller of a service, otherwise the node `node`."""
         return self._authors.of(service, f'{self._namespace}/{node}', time.monotonic())
 
     def on_change(self, request: Any, response: Any) -> str:
-        """Write the change that another node is about to make, as the callback of a service."""
+        """Write the change that another node is about to make. This is the callback of a service.
+
+        Raises ValueError if the change cannot be written; the other node must then not make it.
+        """
         try:
             self._write(request, json.loads(request.new_value))
         except (ValueError, RecursionError) as error:
@@ -157,7 +164,8 @@ class LineAudit:
                 continue
             try:
                 values = await self._line.get_all(node)
-                # If a change was announced meanwhile, the values may be those before the change.
+                # If a change was announced while the values were read, they may be the values from
+                # before the change. They are then ignored, and read again later.
                 if self._announced.get(node, -math.inf) < began:
                     self.trail.found(f'{self._namespace}/{node}', values)
                     self._unread.discard(node)
@@ -172,12 +180,15 @@ class LineAudit:
         self.trail.saw_state(changes.CALIBRATION, ports.LOAD_CELL_INFO.name, asdict(load_cell), by)
 
     def on_zero_setting(self, change: ZeroChange) -> None:
-        """Write a zero that an operator has set."""
+        """Write a zero that was set by the service, unless it is the last zero in the log."""
         by = self.author_of(ports.ZERO, 'segmenter')
         self.trail.saw_state(changes.ZERO, ports.ZERO_SETTING.name, asdict(change), by)
 
     def watch_clock(self, reference: str) -> None:
-        """Write the steps of the clock and changes of its reference. `reference` may be empty."""
+        """Write steps of the clock, and changes of its reference.
+
+        `reference` is a text on the time reference of the clock, empty if it is not known yet.
+        """
         if step := self._steps.step():
             self.trail.saw(changes.CLOCK, 'step', None, {'seconds': round(step, 3)})
         if reference:
@@ -195,7 +206,7 @@ class LineAudit:
         return Author(f'{CLAIMED}{name}' if (name := one_line(who)) else '', one_line(why))
 
     def write_state(self, state: RecordState) -> None:
-        """Write the state of a batch record. After its end, only a fault is written."""
+        """Write the state of a batch record, or only a fault after the end of the record."""
         last = self.trail.last(changes.RECORD, state.batch)
         if state.broken or not has_ended(last):
             self.trail.saw_state(changes.RECORD, state.batch, state.value)

@@ -51,15 +51,16 @@ class LineRecipe:
         self.selected: ProductOnLine | None = None
         self.on_line = ProductOnLine(0)
         self.in_use: ProductOnLine | None = None
-        self._taken = Future()  # done when the reject node confirms the last published product.
-        # Values before the first recipe was set, which apply if a recipe does not set a parameter.
+        self._taken = Future()  # done when the reject node confirms the last published product
+        # Values of parameters before a recipe has set them, by node. They are set again if a recipe
+        # does not set the parameter.
         self._base: dict[str, Values] = {}
         self._set: dict[str, Values] = {}  # values for the selected product
         self._restarted: set[str] = set()
 
     @property
     def ready(self) -> bool:
-        """Whether all nodes with parameters in recipes run, and `in_use` is known."""
+        """Whether all nodes whose parameters a recipe may set run, and `in_use` is known."""
         return self.in_use is not None and all(self.line.ready(node) for node in NODES)
 
     @property
@@ -74,7 +75,7 @@ class LineRecipe:
     def taken(
         self, product: ProductOnLine, resumed: ProductOnLine | None = None, *, waits: bool = False
     ) -> None:
-        """Process the confirmation of a product by the reject node.
+        """Update the product in use after the reject node has confirmed a product.
 
         If the reject node has no product when this node starts, `resumed` is selected. Unless
         `waits` is True, it is also put on the line.
@@ -102,9 +103,9 @@ class LineRecipe:
     ) -> None:
         """Set the parameters of a product, and put the product on the line.
 
-        If a node refuses a parameter, all nodes keep their parameters. `selected` has the limits of
-        the product. `announce` is called with the new parameters by node before the first one is
-        set. If it raises an exception, no parameter is set.
+        If a node refuses a parameter, all nodes keep their parameters. `selected` contains the
+        limits of the product. Before any parameter is set, `announce` is called with the new
+        parameters by node. If `announce` raises an exception, no parameter is set.
         """
         restarted = set(self._restarted)
         await self._check_speed(product)

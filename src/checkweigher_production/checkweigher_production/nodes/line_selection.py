@@ -33,7 +33,7 @@ def find(file: str, name: str) -> tuple[dict[str, Product], Product]:
     Raises `SettingsError` if the file is not valid or has no such product.
     """
     if not file:
-        raise SettingsError('the parameter recipes of the node product names no file')
+        raise SettingsError('product.recipes: empty, must name a recipe file')
     products = read_recipes(Path(file))
     if name not in products:
         raise SettingsError(f'{file}: has no product {name!r}; it has {", ".join(products)}')
@@ -66,8 +66,9 @@ class LineSelection:
     async def select(self, name: str, by: Author) -> None:
         """Select a product.
 
-        If a node refuses, the previous product remains selected, or no product if parameters were
-        already set.
+        If a node refuses a parameter, the previous product remains selected. If parameters were
+        changed, and cannot be restored or the reject node does not confirm the product, no product
+        is selected.
         """
         products, product = find(self.file, name)
         if self.batches.doubt:
@@ -77,7 +78,8 @@ class LineSelection:
         # The entry is written first, because a change without an entry must not be made.
         before, wanted = production.product, product.on_line(production.batch)
         trail.note(changes.SELECTION, 'product', _audited(self.recipe.in_use), _audited(wanted), by)
-        # The product changes first, because its limits may apply before all parameters are set.
+        # Items are counted for the new product from now on, because its limits may apply before the
+        # call of `set` returns.
         self.batches.use(product)
         try:
             await self.recipe.set(product, wanted, partial(self.audit.announce, by=by))
@@ -97,7 +99,7 @@ class LineSelection:
         self.test.select(product, self.batches.production.batch)
 
     def taken(self, product: ProductOnLine) -> None:
-        """Process the product whose limits the reject node uses from now on."""
+        """Update the selection after the reject node has confirmed that it uses a product."""
         if self.batches.doubt:  # no item is accepted without a batch
             product = replace(product, product='')
         recipe, limits = self._resumed
@@ -109,7 +111,7 @@ class LineSelection:
             self.batches.keep(self.recipe.selected)
 
     async def select_at_start(self) -> bool:
-        """Select the product of the last run or the first product; return whether one was selected.
+        """Select the product of the last run, or the first product; return whether this was done.
 
         The method must be called repeatedly, because it has no effect while nodes are missing.
         """
@@ -166,9 +168,9 @@ class LineSelection:
         continues = bool(self.batches.doubt) and self.batches.has_record(name)
         is_known = self.audit.trail.last(changes.RECORD, name) is not None and not continues
         if not name or is_known or not self.batches.may_begin(name):
-            raise RecordError(f'batch {name!r}: a name that was not used before is needed')
+            raise RecordError(f'batch {name!r}: a batch needs a name that was not used before')
         production = self.batches.production
-        # These statistics also count the items up to the beginning of the new batch.
+        # Items that pass until the new batch begins are still counted in these statistics.
         ended = production.current
         self._end_count(changes.BATCH, name, by)
         before, production.batch = production.batch, name
@@ -186,7 +188,7 @@ class LineSelection:
         return ended.summary(before)
 
     async def reset_counts(self, by: Author) -> Statistics:
-        """Reset the counts of the product in this batch, and return the statistics before that."""
+        """Reset the counts of the product in this batch, and return the statistics so far."""
         finished = self._end_count(changes.RESET, None, by)
         self.batches.reset()
         return finished
@@ -206,7 +208,7 @@ class LineSelection:
                 yield BatchResult(0, state.batch, record, state.sha256)
 
     def _other_limits(self) -> str:
-        """Return a text if the limits in use differ from those of the recipe, otherwise ''."""
+        """Return a message if the limits in use differ from those of the recipe, otherwise ''."""
         product, in_use = self.batches.production.product, self.recipe.in_use
         if product is None or in_use is None or in_use.product != product.name:
             return ''

@@ -42,7 +42,7 @@ class LineTest:
         self._rejecting = False  # whether the reject node was set to reject all items
 
     def select(self, product: Product, batch: str) -> None:
-        """Continue with the performance test of a newly selected product or batch."""
+        """Cancel the present test, and begin to observe the due times of a product and a batch."""
         if (entry := self.trail.last(changes.TEST, product.name)) is not None:
             self._tests.remember(product.name, from_entry(entry))
         self._tests.select(product.name, batch, product.test, self.clock())

@@ -33,9 +33,9 @@ from checkweigher_production.nodes.line_recipe import LineRecipe
 from checkweigher_production.nodes.line_selection import LineSelection, find
 from checkweigher_production.nodes.performance import LineTest
 
-_PATIENCE = 2.0  # longest time to wait for an answer of another node in s
-_POLL_PERIOD = 0.5  # s
-_NOTE_PERIOD = 3600.0  # time in s between two states of the record in the audit log
+_PATIENCE = 2.0  # longest wait in s for an answer of another node
+_POLL_PERIOD = 0.5  # period in s of the timers
+_NOTE_PERIOD = 3600.0  # time in s after which the state of the record is written to the audit log
 
 
 @dataclass(frozen=True)
@@ -50,14 +50,14 @@ class ProductParameters(Parameters):
     audit_log: str = parameter('', 'file to which changes are appended; empty for none')
     batch_folder: str = parameter(
         '',
-        'folder for the record of each batch, and for product and batch on the line, which go on '
-        'after a restart; empty for none',
+        'folder for the record of each batch, and for the selection of product and batch, which is '
+        'restored after a restart; empty for none',
     )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.batch_folder and not self.recipes:
-            raise ParameterError('product.batch_folder: needs recipes, which have the batches')
+            raise ParameterError('product.batch_folder: needs recipes; set product.recipes')
 
 
 class ProductNode(StageNode[ProductParameters]):
@@ -110,7 +110,10 @@ class ProductNode(StageNode[ProductParameters]):
             self._audit_others()
 
     def _opened_log(self) -> AuditLog | None:
-        """Return the audit log, which the node closes, or None without one."""
+        """Open the audit log and return it, or return None if no log is wanted.
+
+        `destroy_node` closes the log.
+        """
         if not self.parameters.audit_log:
             if self.parameters.recipes:
                 self.get_logger().warning('product.audit_log is empty: no change is written down')
@@ -219,7 +222,7 @@ class ProductNode(StageNode[ProductParameters]):
             self._audit.write_state(state)
 
     def _advance_records(self) -> None:
-        """Publish the results of ended batches, and save product and batch if that has failed."""
+        """Publish the results of ended batches, and retry to save product and batch if needed."""
         for ended in self._selection.ended_batches():
             self._results.send(replace(ended, stamp=self._stamp()))
         if self._batches.not_kept:
