@@ -59,7 +59,7 @@ class DriverWatch:
         """Return the findings at time `now`.
 
         `offset_of_clocks` is the Unix time minus `now` in s. `trouble` is the present fault of the
-        source, and `figures` are its figures for the diagnostics.
+        source, and `figures` contains values of the source for the diagnostics, by name.
         """
         source = self._source(trouble, figures)
         if self._samples is None:

@@ -28,8 +28,10 @@ from checkweigher_driver.sources import Source
 # visible in the ROS graph may not be connected yet, and would get the first status only with the
 # next DDS heartbeat after 3 s. Until then the subscriber would assign items to the previous stream.
 _REPEATS = (0.2, 0.5, 1.0)
-_PATIENCE = 5.0  # longest wait in s for the other nodes
-_END_PATIENCE = 2.0  # longest wait in s for the last read of a source
+# Longest wait in s for the other nodes.
+_PATIENCE = 5.0
+# Longest wait in s for the last read of a source.
+_END_PATIENCE = 2.0
 # Period in s with which a waiting thread checks its condition, because not all changes wake it.
 _PERIOD = 0.02
 _REMINDER = 5.0  # time in s between warnings
@@ -89,7 +91,8 @@ class SourceStream:
     def end(self, close: Callable[[], None] | None = None) -> bool:
         """End the stream; return whether it was still running.
 
-        `close` is a function that closes the source. It is needed if the source blocks in a read.
+        `close` is a function that closes the source. It is given if a read of the source may block,
+        because the read would otherwise not end.
         """
         was_running = self._running
         with self._changed:

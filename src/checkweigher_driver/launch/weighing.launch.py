@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Launch file of the released packages: the six nodes of a lane, one process each.
 
-It needs no package that apt lacks. `line.launch.py` of checkweigher_bringup has more arguments.
+This launch file needs only packages that apt provides. `line.launch.py` of checkweigher_bringup has
+more arguments.
 """
 
 from pathlib import Path

@@ -42,7 +42,7 @@ class LogChain:
 
 
 def read_chain(path: Path) -> LogChain:
-    """Read an audit log and the earlier logs that its first entries name.
+    """Read an audit log and all earlier logs, each of which the first entry of the next log names.
 
     Raises `AuditError` if `path` cannot be read. If an earlier log cannot be read, this is stated
     in `fault`.
@@ -75,9 +75,9 @@ def _last_hash(found: Verification) -> str:
 
 
 def predecessor_of(entries: Sequence[Entry]) -> dict[str, object] | None:
-    """Return file, number of entries and last hash of the previous log, as a log names them.
+    """Return the file, number of entries and last hash of the previous log that a log names.
 
-    Returns None if the log does not name a previous log in its first entry.
+    Returns None if the first entry of the log does not name a previous log.
     """
     for entry in entries[:1]:
         if (entry.kind, entry.subject) == (LOG, PREDECESSOR) and isinstance(entry.new, dict):
@@ -110,7 +110,7 @@ def name_predecessor(log: AuditLog, time: str, source: str) -> None:
 def _written_by(path: Path, source: str) -> Iterator[tuple[str, str, int, str]]:
     """Yield the last time, name, number of entries and last hash of each other log of `source`.
 
-    The logs are in the folder of `path`, which is the log that is left out.
+    The log `path` is left out. The other logs are in the same folder.
     """
     for other in logs_in(path.parent):
         with suppress(AuditError):

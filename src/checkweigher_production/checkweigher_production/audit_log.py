@@ -356,7 +356,7 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
             raise AuditError(f'{self.path}: {error.strerror or error}') from None
 
     def _finish(self, time: str, source: str) -> None:
-        """Complete what a power loss or a kill has interrupted when the last entry was written.
+        """Complete the log after a power loss or a kill during the last write.
 
         If `LOG.head` lacks the last entry, `LOG.head` is written. If the log ends with a torn
         entry, an entry that records it is written.

@@ -15,7 +15,7 @@ from typing import Any
 from checkweigher_core.changes import SOFTWARE
 from checkweigher_production.audit_log import Entry, Verification
 
-_WIDEST = 40  # default largest number of characters of a text
+_WIDEST = 40  # largest number of characters of a text by default
 
 
 def conclusion(found: Verification) -> str:
@@ -35,7 +35,7 @@ def conclusion(found: Verification) -> str:
 
 
 def software_in(entries: Sequence[Entry]) -> str:
-    """Return the SHA-256 of the legally relevant software in the latest entry on it, or ''."""
+    """Return the SHA-256 of the legally relevant software according to the latest entry, or ''."""
     values = (e.new for e in reversed(entries) if e.kind == SOFTWARE and isinstance(e.new, dict))
     return shortened(next(values, {}).get('sha256', ''), 64)
 

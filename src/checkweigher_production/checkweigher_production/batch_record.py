@@ -44,11 +44,14 @@ from checkweigher_production.recipes import product_of
 SUFFIX = '.jsonl'
 _LONGEST = 200  # largest number of characters of a batch name in a file name
 _RETRY = 1.0  # time in s between two attempts to write
-_LONGEST_LINE = 2**16  # bytes
-_NEWER = ('station', 'station_at')  # fields of a verdict that are missing in old files
-_HASH = re.compile(rb',"hash":"([0-9a-f]{64})"}\n')  # end of a line
-_HASH_SIZE = 76  # bytes of the end of a line
-# Events of the life of a record, which are in the audit log.
+_LONGEST_LINE = 2**16  # largest number of bytes in a line
+# Fields of a verdict that are missing in old files.
+_NEWER = ('station', 'station_at')
+# End of a line with its hash.
+_HASH = re.compile(rb',"hash":"([0-9a-f]{64})"}\n')
+# Number of bytes of the end of a line.
+_HASH_SIZE = 76
+# Events of a record that are written to the audit log.
 BEGUN, CONTINUED, WRITTEN = 'begun', 'continued', 'written'
 STOPPED, ENDED = 'stopped', 'ended'
 _Record = TypeVar('_Record', Verdict, FillerFeedback)
@@ -115,7 +118,7 @@ class RecordState:
 
 
 def has_ended(value: Any) -> bool:
-    """Return whether a value of the audit log, which may be None, is that of an ended record."""
+    """Return whether an audit log value, which may be None, states that a record has ended."""
     return isinstance(value, str) or (isinstance(value, dict) and value.get('event') == ENDED)
 
 
@@ -185,7 +188,7 @@ def read_lines(path: Path) -> Iterator[dict[str, Any]]:
                 if not line.endswith(b'\n'):
                     return
                 try:
-                    # Integers in ROS messages have at most 64 bits.
+                    # An integer of over 64 bits is invalid, because no ROS message can contain it.
                     values = json.loads(line, parse_int=lambda text: int(np.int64(text)))
                     begins = values['kind'] == 'begin'
                     checksum = values.pop('crc32', None)  # only in lines of older versions

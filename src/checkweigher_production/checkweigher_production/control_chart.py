@@ -13,8 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-SUBGROUP = 5  # items
-REFERENCE = 20 * SUBGROUP  # number of items in the reference period that sets the limits
+# Number of items in a subgroup.
+SUBGROUP = 5
+# Number of items in the reference period, which sets the limits.
+REFERENCE = 20 * SUBGROUP
 # Number of successive means on one side of the centre line, or rising, or falling, which violates a
 # rule.
 _RUN = 7
@@ -29,9 +31,11 @@ class ControlChart:
     centre: float
     lower: float
     upper: float
-    spread: float  # centre line of the standard deviations
-    spread_upper: float  # upper limit of the standard deviations
-    # Rule that each mean violates, or '' if it violates no rule or the same rule as the last mean.
+    # Centre line of the standard deviations.
+    spread: float
+    # Upper limit of the standard deviations.
+    spread_upper: float
+    # Rule that each mean violates, or '' if there is none or if the mean before violates it too.
     marks: tuple[str, ...]
 
 

@@ -22,11 +22,13 @@ from checkweigher_core.records import GRAMS
 from checkweigher_dsp.rejection.batch_rules import ROUNDING
 
 MAX_SHARE_BELOW_TU1 = 0.025
-SMALLEST, LARGEST = 0.005, 10.0  # range of nominal quantities in kg
+# Range of nominal quantities in kg for which the directive has limits.
+SMALLEST, LARGEST = 0.005, 10.0
 # Smallest number of empty packages from which a tare is determined, and ratio of tare to nominal
 # quantity below which the standard deviation of the tare is not limited.
 _TARE_SAMPLE, _SMALL_TARE = 25, 0.05
-_STEP = 1e-4  # step in kg to which a TNE in percent is rounded up
+# Step in kg to which a TNE in percent is rounded up.
+_STEP = 1e-4
 
 # Each row contains the largest nominal quantity in kg, and two summands of the TNE: the first is
 # relative to the nominal quantity, and the second one is in kg.
@@ -98,7 +100,7 @@ def limits(nominal: float) -> Limits:
 
 
 def batch_of(masses: Sequence[float], done: str = 'judged') -> NDArray[np.float64]:
-    """Return masses as an array. Raises `ValueError` if it is empty or a mass is not finite."""
+    """Return masses as an array. Raises `ValueError` if it is empty or contains NaN or infinity."""
     batch = np.array(masses, dtype=np.float64)
     if not len(batch):
         raise ValueError(f'a batch of no prepackages cannot be {done}')

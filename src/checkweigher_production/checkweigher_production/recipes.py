@@ -23,7 +23,7 @@
 
 A mass is that of the contents, except `tare` and the mass of the test product, which includes its
 packaging. The scale weighs contents and packaging together. Therefore the tare is added to all
-limits for the reject node.
+mass limits for the reject node.
 """
 
 from collections.abc import Iterator, Mapping
@@ -263,12 +263,12 @@ class RecipeFile(Settings):
 
 
 def read_recipes(path: Path) -> dict[str, Product]:
-    """Return the products of a recipe file by name. Raises `SettingsError` if one is not valid."""
+    """Return the products of a recipe file by name. Raises `SettingsError` if one is invalid."""
     return dict(read_settings(path, RecipeFile).products)
 
 
 def given_recipes(path: Path) -> dict[str, dict[str, Any]]:
-    """Return the keys of each recipe as a recipe file gives them, with their values, by product.
+    """Return the keys and values of each recipe in a recipe file, by product name.
 
     Raises `SettingsError` if a recipe is not valid.
     """

@@ -34,14 +34,16 @@ from checkweigher_dsp.rejection.batch_rules import ROUNDING
 from checkweigher_production.prepackages import batch_of, limits
 
 WHOLE_BELOW = 100  # number of prepackages below which all of them are tested
-_MAX_DEFECTIVE_PERCENT = 5  # limit for a batch that is tested whole
+_MAX_DEFECTIVE_PERCENT = 5  # limit for a batch whose prepackages are all tested
 
 
 class SamplingPlan(Enum):
     """Plan for drawing samples from a batch."""
 
-    DOUBLE = 'double'  # 76/211/EEC, Annex II
-    SINGLE = 'single'  # UK SI 2006/659 and OIML R 87
+    # Plan of 76/211/EEC, Annex II.
+    DOUBLE = 'double'
+    # Plan of UK SI 2006/659 and OIML R 87.
+    SINGLE = 'single'
 
 
 # Each row contains the largest batch size and, for the first sample and for both samples together,

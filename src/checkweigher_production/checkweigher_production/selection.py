@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""File with the selected product, its limits and the batch, from which a restart restores them."""
+"""File with the selected product, its limits and the batch, which are restored after a restart."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -88,7 +88,7 @@ def write_selection(folder: Path, selection: Selection) -> None:
 
 
 def _has_later_selection(entries: Sequence[Entry], last: str) -> bool:
-    """Return whether an entry after the one with the hash `last` selects a product or batch."""
+    """Return whether an entry after the entry `last`, a hash, selects a product or a batch."""
     for entry in reversed(entries):
         if entry.hash == last:
             return False

@@ -35,7 +35,8 @@ class ProductionStatistics:
         self._masses = RunningMoments()  # masses of the accepted items in kg
         self._below_tu1 = self._below_tu2 = 0
         self._length_faults = self._speed_faults = 0
-        self._stamp: int | None = None  # largest t3 in ns
+        # Largest t3 in ns.
+        self._stamp: int | None = None
         # Smallest and largest t3 in ns, and number of items with a t3, since the stream started.
         self._timed: tuple[int, int, int] | None = None
 
@@ -120,7 +121,7 @@ class ProductionRecord:
         # Item number, t1 and t3 of the last items without a product. The topic verdict keeps the
         # same number of messages for a restarted node.
         self._without_product = deque[tuple[int, int | None, int | None]](maxlen=1000)
-        self._std_devs = deque[float](maxlen=_LATEST)  # standard deviations in kg, as stated
+        self._std_devs = deque[float](maxlen=_LATEST)  # stated, of the latest masses, in kg
 
     @property
     def _key(self) -> tuple[str, str]:

@@ -35,8 +35,8 @@ from checkweigher_driver.calibration.static_calibration import (
     StaticReading,
 )
 
-# A reading ends by itself after the parameter `patience`. If it has not ended this time in s later,
-# no samples arrive.
+# A reading ends by itself after the time in the parameter `patience`. If a reading takes longer by
+# this time in s, no samples arrive.
 _SILENCE = 5.0
 
 # Fields that StaticCalibration and the response of finish_calibration have in common.
@@ -44,7 +44,7 @@ _FITTED = ('counts_per_kg', 'counts_per_kg_uncertainty', 'zero_counts', 'zero_un
 
 
 class CalibrationServices:
-    """Action that reads loads at rest, and services that fit a calibration and write its file.
+    """Action that reads loads at rest, and services that fit and write a calibration.
 
     The function `restart` begins a new stream with the calibration, and returns the reason of a
     failure or an empty string.

@@ -4,8 +4,8 @@
 
 The state is on the disk before the belt may run. The next start therefore detects that the driver
 was killed or lost its power while items may have been on the belt. The names of the items need not
-survive a power cut. A separate thread writes them, so that the outputs do not wait for the disk
-while the belt runs.
+survive a power cut. A separate thread writes the names, so that the outputs do not wait for the
+disk while the belt runs.
 
 An empty file with the suffix `.begun` shows that there was a record. If that file exists without a
 record, the record was lost, and the belt may have run. If neither file exists, the driver starts
@@ -47,7 +47,10 @@ class OnBelt:
 
     @classmethod
     def of_line(cls, data: bytes) -> Self:
-        """Return the state in the first line of a record; `released` is true if it is damaged."""
+        """Return the state in the first line of a record.
+
+        If the record is damaged, the returned state is `released`, without items and doubts.
+        """
         line = data.split(b'\n', 1)[0]
         if line == _EMPTY_BEFORE:
             return cls()
@@ -125,7 +128,7 @@ class BeltRecord:
             found = OnBelt()
             self._write(found)
             os.fsync(self._file)
-        # A user who may not create this file may not remove the record either, so it is not needed.
+        # A user who may not create `.begun` may not remove the record either, so ignore the error.
         with suppress(PermissionError):
             begun.touch()
         return found

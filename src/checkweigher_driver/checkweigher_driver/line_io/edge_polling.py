@@ -92,7 +92,7 @@ class EdgePolling:
         return min(self._longest_gap, max(covered, 2 * self._max_uncertainty))
 
     def lose(self, now: int, to_stamp: int, text: str) -> list[EyeEvent]:
-        """Return the loss of the eyes after a failed poll, or an empty list if they are lost."""
+        """Return the loss of the eyes after a failed poll, or nothing if they are already lost."""
         if self._lost:
             return []
         self._lost = True
@@ -102,7 +102,7 @@ class EdgePolling:
         return [EyesLost(since + to_stamp - self._delay, text)]
 
     def figures(self) -> dict[str, float]:
-        """Return figures for the diagnostics.
+        """Return values for the diagnostics, by name.
 
         ``edge uncertainty ms`` is computed from the mean period and round-trip time. ``largest edge
         uncertainty ms`` is the maximum over all edges.

@@ -108,7 +108,7 @@ class GpioEyes(EdgeSource):
         return {'edges': self._edges, 'edges lost': self._order.lost}
 
     def events(self) -> Iterator[EyeEvent]:
-        """Yield edges, and losses of the eyes and their ends, until `close` is called.
+        """Yield edges, and the start and end of each loss of the eyes, until `close` is called.
 
         Raises OSError if the GPIO chip disappears.
         """

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Machine inputs: rejects and readiness of inspection devices, guards, air pressure, bins.
+"""Machine inputs: rejects and readiness of inspection devices, guards, air pressure and bins.
 
 The input of a metal detector, X-ray or vision inspection is on while the device rejects an item.
 The other inputs are on while the guards are closed, the air pressure suffices, the bins have room
@@ -136,7 +136,7 @@ class InputWatch:
         )
 
     def lose(self, stamp: int) -> list[InputEvent]:
-        """Return the event that the conditions are unknown, after a failed reading.
+        """Return an event with unknown conditions after a failed reading.
 
         Returns an empty list if the conditions were reported as unknown before.
         """

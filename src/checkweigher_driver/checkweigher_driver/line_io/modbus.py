@@ -107,11 +107,11 @@ class ModbusEyes(EdgeSource):
         super().__init__(parameters)
 
     def figures(self) -> dict[str, float]:
-        """Return figures on the polls for the diagnostics."""
+        """Return values on the polls for the diagnostics, by name."""
         return self._polling.figures()
 
     def events(self) -> Iterator[EyeEvent]:
-        """Yield edges, and losses of the eyes and their ends, until `close` is called."""
+        """Yield edges, and the start and end of each loss of the eyes, until `close` is called."""
         try:
             while not self._closing.is_set():
                 begin = time.monotonic_ns()

@@ -126,7 +126,7 @@ class RejectorControl:
 
     @property
     def figures(self) -> dict[str, float]:
-        """Figures for the diagnostics: counts, and the timing errors of the rejector in ms."""
+        """Values for the diagnostics: counts, and the timing errors of the rejector in ms."""
         return {
             'rejects': self._rejects,
             **self._sorter.figures,
@@ -195,7 +195,7 @@ class RejectorControl:
         return self._sorter.next_switches(now) if self.active else Switches()
 
     def _check_verdicts(self, now: int, to_monotonic: int | None) -> None:
-        """Eject and stop if a verdict is overdue, or if an item at the rejector has none."""
+        """Eject and stop if a verdict is overdue, or if an item at the rejector has no verdict."""
         if self._verdicts.is_overdue(now):
             within = f'{self._verdicts.timeout / NANOSECONDS:.2g} s'
             self._sorter.eject(

@@ -134,7 +134,7 @@ class AedDialogue:
             self._drain()
 
     def reset(self) -> None:
-        """Restart the device, and wait until it replies. Raises `SerialError` if it does not."""
+        """Restart the device, and wait until it replies. Raises `SerialError` if no reply comes."""
         self.send('RES')
         begin = time.monotonic()
         while time.monotonic() - begin < 2 * _RESET_TIME:
@@ -161,7 +161,8 @@ class AedDialogue:
     def order(self, command: str, parameter: str) -> None:
         """Send a command, and check that the device confirms it.
 
-        Raises `SerialError` if it does not. The message names `parameter`, which gave the command.
+        Raises `SerialError` if the device does not confirm the command. The message contains
+        `parameter`, the name of a parameter or of a page that explains the command.
         """
         self.send(command)
         reply = self._line()
@@ -170,7 +171,7 @@ class AedDialogue:
             raise SerialError(f'{self._port.name}: the device {said} to {command}; see {parameter}')
 
     def identify(self) -> tuple[str, str]:
-        """Return model and serial number. Raises `SerialError` if the device is no AED device."""
+        """Return model and serial number. Raises `SerialError` if it is not an AED device."""
         for attempt in range(_ATTEMPTS):
             self.stop()
             try:

@@ -97,7 +97,8 @@ class LineDecoder(Decoder):
             raise ValueError(f'pattern: {pattern!r} has no group for the number')
         self._scale = 10.0**decimals
         self._data = b''
-        self._begun = False  # whether a line end was found
+        # Whether a line end was found.
+        self._begun = False
         # Number of readings lost since the last valid reading, None before the first reading.
         self._lost: int | None = None
 

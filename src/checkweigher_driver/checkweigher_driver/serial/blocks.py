@@ -70,5 +70,5 @@ class BlockMaker:
         self._lost += lost
 
     def figures(self) -> dict[str, float]:
-        """Return figures on samples, losses and the clock for the diagnostics."""
+        """Return values on samples, losses and the clock for the diagnostics, by name."""
         return {'samples': self._samples, 'samples lost': self._lost, **self._clock.figures()}

@@ -29,8 +29,10 @@ from checkweigher_driver.serial.decoder import Decoded, Decoder
 
 TRAILERS = ('auto', 'crlf', 'none')
 
-_WITH_TRAILER, _WITHOUT = 6, 4  # bytes in a frame with and without CR LF
-_RUN = 5  # number of consecutive valid frames that are needed to accept a place
+# Number of bytes in a frame with and without CR LF.
+_WITH_TRAILER, _WITHOUT = 6, 4
+# Number of consecutive valid frames that are needed to accept a place.
+_RUN = 5
 # Changes are much smaller than others if 8 times their sum plus 64 counts is below the other sum.
 _CLEARLY, _TINY = 8, 64
 _AHEAD = _WITH_TRAILER * (_RUN + 1) - 1  # number of bytes that are needed to find the frame size
@@ -44,8 +46,8 @@ class _Places:
     `counts` contains the readings of the frames. The other attributes are boolean: `overflow` marks
     an overflow that the device reports, `good` marks valid frames, and `doubtful` marks frames that
     may seem valid at a wrong place. `run` marks places at which five consecutive frames are valid.
-    `begins` marks those of these places that are certain to be true, and `slipped` marks places at
-    which the readings change much more than at another place.
+    `begins` marks such places if they are certainly true, and `slipped` marks places at which the
+    readings change much more than at another place.
     """
 
     def __init__(self, data: NDArray[np.uint8], size: int, checksum: bool) -> None:
@@ -90,7 +92,7 @@ class _Places:
     def _runs(
         self, size: int, frames: int, places: int
     ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-        """Return whether `frames` frames from each place on are valid, and the sum of changes."""
+        """Return whether the frames at each place are valid, and the sum of their changes."""
         starts = range(0, size * frames, size)
         run = np.logical_and.reduce([self.good[i : i + places] for i in starts])
         change = np.zeros(places, np.int64)
@@ -200,7 +202,7 @@ class FrameDecoder(Decoder):
         self._since_frame += number
 
     def _follow(self, places: _Places, position: int) -> tuple[int, bool]:
-        """Return the number of valid frames at a position, and whether a bad frame follows."""
+        """Return the number of valid frames at a position, and whether an invalid frame follows."""
         k = len(places.run)
         good = places.good.copy()
         good[:k] &= ~places.doubtful[:k] | (places.run & ~places.slipped)

@@ -212,7 +212,7 @@ class SampleClock:
         return self._origin[1] - self._latency + round(self._period * x + self._out.at(x))
 
     def figures(self) -> dict[str, float]:
-        """Return figures for the diagnostics.
+        """Return values for the diagnostics, by name.
 
         ``clock drift ppm`` is the relative error of the sample period, and ``clock offset ms`` is
         the distance of the stamps from the line. ``read jitter ms`` and ``latest read ms`` are the

@@ -229,5 +229,5 @@ class SerialSource(Source):
         )
 
     def figures(self) -> dict[str, float]:
-        """Return figures on samples, losses, breaks and the clock for the diagnostics."""
+        """Return values on samples, losses, breaks and the clock for the diagnostics."""
         return {**self._blocks.figures(), **self._reader.figures, 'breaks': self._breaks}

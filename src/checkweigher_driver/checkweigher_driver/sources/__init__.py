@@ -51,7 +51,7 @@ class Device(ABC):
         return ''
 
     def figures(self) -> dict[str, float]:
-        """Return figures for the diagnostics. Any thread may call this."""
+        """Return values for the diagnostics, by name. Any thread may call this."""
         return {}
 
 
@@ -108,7 +108,7 @@ class EdgeSource(Device):
 
     @abstractmethod
     def events(self) -> Iterator[EyeEvent]:
-        """Yield edges, and losses of the eyes and their ends, stamped on the sample clock."""
+        """Yield edges, and the start and end of each loss of the eyes, with sample-clock stamps."""
 
     def follow(self, block: SampleBlock) -> list[EyeEdge]:
         """Return the edges before the end of a block, if the edges were recorded with the samples.

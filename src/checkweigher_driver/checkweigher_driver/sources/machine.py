@@ -96,7 +96,7 @@ class MachineSource(Source):
         return '; '.join(filter(None, (self._samples.trouble, self._blind or self._eyes.trouble)))
 
     def figures(self) -> dict[str, float]:
-        """Return the figures of both devices for the diagnostics."""
+        """Return the values of both devices for the diagnostics, by name."""
         return {
             **self._samples.figures(),
             **self._eyes.figures(),

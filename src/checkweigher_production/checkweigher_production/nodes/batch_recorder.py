@@ -274,7 +274,7 @@ class LineBatches:
             self._writer.note()
 
     def states(self) -> Iterator[RecordState]:
-        """Yield the states of records that must be written to the audit log, once each."""
+        """Yield each state of a record that must be written to the audit log."""
         while self._writer is not None and not self._writer.states.empty():
             state = self._writer.states.get()
             if state.broken:

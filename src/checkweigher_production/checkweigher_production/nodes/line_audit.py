@@ -165,7 +165,7 @@ class LineAudit:
             try:
                 values = await self._line.get_all(node)
                 # If a change was announced while the values were read, they may be the values from
-                # before the change. They are then ignored, and read again later.
+                # before the change. Such values are ignored, and read again later.
                 if self._announced.get(node, -math.inf) < began:
                     self.trail.found(f'{self._namespace}/{node}', values)
                     self._unread.discard(node)
@@ -206,7 +206,7 @@ class LineAudit:
         return Author(f'{CLAIMED}{name}' if (name := one_line(who)) else '', one_line(why))
 
     def write_state(self, state: RecordState) -> None:
-        """Write the state of a batch record, or only a fault after the end of the record."""
+        """Write the state of a batch record. If the record has ended, write only a fault."""
         last = self.trail.last(changes.RECORD, state.batch)
         if state.broken or not has_ended(last):
             self.trail.saw_state(changes.RECORD, state.batch, state.value)

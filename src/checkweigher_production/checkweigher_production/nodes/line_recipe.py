@@ -51,16 +51,17 @@ class LineRecipe:
         self.selected: ProductOnLine | None = None
         self.on_line = ProductOnLine(0)
         self.in_use: ProductOnLine | None = None
-        self._taken = Future()  # done when the reject node confirms the last published product
-        # Values of parameters before a recipe has set them, by node. They are set again if a recipe
-        # does not set the parameter.
+        # Future that is done when the reject node confirms the last published product.
+        self._taken = Future()
+        # Values of the parameters before any recipe, by node. A value is set again if a recipe does
+        # not set its parameter.
         self._base: dict[str, Values] = {}
         self._set: dict[str, Values] = {}  # values for the selected product
         self._restarted: set[str] = set()
 
     @property
     def ready(self) -> bool:
-        """Whether all nodes whose parameters a recipe may set run, and `in_use` is known."""
+        """Whether `in_use` is known, and all nodes whose parameters a recipe may set are active."""
         return self.in_use is not None and all(self.line.ready(node) for node in NODES)
 
     @property

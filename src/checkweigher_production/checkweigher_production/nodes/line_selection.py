@@ -66,9 +66,9 @@ class LineSelection:
     async def select(self, name: str, by: Author) -> None:
         """Select a product.
 
-        If a node refuses a parameter, the previous product remains selected. If parameters were
-        changed, and cannot be restored or the reject node does not confirm the product, no product
-        is selected.
+        If a node refuses a parameter, the previous product remains selected. No product is selected
+        if changed parameters cannot be restored, or if the reject node does not confirm the product
+        after parameters were changed.
         """
         products, product = find(self.file, name)
         if self.batches.doubt:
@@ -111,7 +111,9 @@ class LineSelection:
             self.batches.keep(self.recipe.selected)
 
     async def select_at_start(self) -> bool:
-        """Select the product of the last run, or the first product; return whether this was done.
+        """Select the product of the last run, or the product at the first start.
+
+        Return whether a product is selected by this call.
 
         The method must be called repeatedly, because it has no effect while nodes are missing.
         """
@@ -161,7 +163,7 @@ class LineSelection:
             self.warn(f'{", ".join(sorted(lost))}: started again, without the product: {error}')
 
     async def begin_batch(self, name: str, by: Author) -> Statistics:
-        """Begin a batch, end the previous one, and return the statistics of the previous one.
+        """Begin a batch, end the previous batch, and return the statistics of the previous batch.
 
         If an exception is raised, the previous batch continues.
         """

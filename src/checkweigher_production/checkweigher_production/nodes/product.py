@@ -222,7 +222,10 @@ class ProductNode(StageNode[ProductParameters]):
             self._audit.write_state(state)
 
     def _advance_records(self) -> None:
-        """Publish the results of ended batches, and retry to save product and batch if needed."""
+        """Publish the results of ended batches.
+
+        If an earlier attempt to save product and batch has failed, save them again.
+        """
         for ended in self._selection.ended_batches():
             self._results.send(replace(ended, stamp=self._stamp()))
         if self._batches.not_kept:

@@ -1,3 +1,3 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Parts of the rejector control, without threads and devices."""
+"""Parts of the rejector control that use no threads and no devices."""

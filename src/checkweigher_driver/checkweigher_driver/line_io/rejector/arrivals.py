@@ -11,7 +11,7 @@ from checkweigher_driver.line_io.clock_steps import ClockStepWatch
 from checkweigher_driver.line_io.rejector.belt_items import BeltItem
 from checkweigher_driver.line_io.rejector.belt_motion import BeltMotion
 
-# Relative change of the travel time above which two products were merged into one item. Only items
+# Relative change of the travel time above which an item counts as two merged products. Only items
 # with one of the reasons in `_MAY_BE_TWO` are checked.
 _OTHER_TRAVEL = 0.2
 _MAY_BE_TWO = {Reason.DISTANCE_FAULT.value, Reason.EDGE_MISMATCH.value}

@@ -21,7 +21,7 @@ class BeltMotion:
         self._may_run = False
         # Time of the last heartbeat, and whether the belt was allowed to run then.
         self._heartbeat: tuple[int, bool] | None = None
-        self._stopped_at: int | None = None  # time of the last stop without a belt input
+        self._stopped_at: int | None = None  # time of the last stop that no belt input measured
 
     def measure(self, running: bool | None, now: int) -> int | None:
         """Record the state of the belt input; return the belt time if the belt starts."""

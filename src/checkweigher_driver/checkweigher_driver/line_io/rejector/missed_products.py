@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Products that the rejector may have missed, which stop the line until a person has looked."""
 
-_MAX_MISSED = 3  # largest number of products whose texts are kept
+_MAX_MISSED = 3  # largest number of products whose messages are kept
 _MORE = 'and others'
 
 

@@ -29,7 +29,7 @@ class VerdictWatch:
 
     @property
     def timeout(self) -> int:
-        """Longest time in ns from a product at the outfeed eye to the next verdict at present."""
+        """Present limit in ns of the time from a product at the outfeed eye to the next verdict."""
         return self._timeout or self._travel
 
     def edge(self, edge: EyeEdge, now: int) -> None:
