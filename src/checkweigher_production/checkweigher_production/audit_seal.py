@@ -131,7 +131,7 @@ def hold_to_seals(
     `AuditError` if this file does not exist.
     """
     if not path.exists():
-        raise AuditError(f'{path}: there are no seals; name the file of the seals by --seals')
+        raise AuditError(f'{path}: there are no seals; name the file of the seals with --seals')
     try:
         seals = read_seals(path, key)
     except AuditError as error:

@@ -15,7 +15,7 @@ from typing import Any
 from checkweigher_core.changes import SOFTWARE
 from checkweigher_production.audit_log import Entry, Verification
 
-_WIDEST = 40  # largest number of characters of a text by default
+_WIDEST = 40  # default limit of the length of a text in characters
 
 
 def conclusion(found: Verification) -> str:

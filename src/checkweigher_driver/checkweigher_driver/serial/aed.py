@@ -171,7 +171,10 @@ class AedDialogue:
             raise SerialError(f'{self._port.name}: the device {said} to {command}; see {parameter}')
 
     def identify(self) -> tuple[str, str]:
-        """Return model and serial number. Raises `SerialError` if it is not an AED device."""
+        """Return model and serial number of the device.
+
+        Raises `SerialError` if the device does not reply, or is not of the AED family.
+        """
         for attempt in range(_ATTEMPTS):
             self.stop()
             try:

@@ -30,14 +30,14 @@ _STEP = 20_000_000
 _WINDOW = 60.0  # duration in s of the signal to which the line is fitted
 _BUCKET = 1.0  # duration in s of the signal whose points are reduced to their convex hull
 _REFIT = 0.25  # time in s between two fits
-_WARM_UP = 1.0  # time in s after which a new line is used, and late reads begin a new line
-_WARM_UP_READS = 20
+_WARM_UP = 1.0  # time in s after which a new line is used, and after which late reads begin it
+_WARM_UP_READS = 20  # smallest number of reads after which the same happens
 _MAX_DRIFT = 0.02  # largest relative error of the nominal sample rate
 _KNOWN_DRIFT = 300e-6  # largest relative change of a known sample rate
 _KNOWN_AFTER = 20.0  # time in s after which the sample rate is known
-_SHIFT = 5_000_000  # time in ns by which reads must be too early or too late for a new line
+_SHIFT = 5_000_000  # time in ns by which reads are too early or too late that begin a new line
 _SLEW = 2e-3  # largest relative rate at which the stamps of a settled clock approach the line
-_WARM_UP_SLEW = 0.5  # largest relative rate before the clock is settled
+_WARM_UP_SLEW = 0.5  # largest relative rate at which they approach it before the clock is settled
 
 _Point = tuple[int, float]  # index, and delay in ns relative to the nominal sample rate
 
