@@ -35,7 +35,7 @@ _WARM_UP_READS = 20  # smallest number of reads after which the same happens
 _MAX_DRIFT = 0.02  # largest relative error of the nominal sample rate
 _KNOWN_DRIFT = 300e-6  # largest relative change of a known sample rate
 _KNOWN_AFTER = 20.0  # time in s after which the sample rate is known
-_SHIFT = 5_000_000  # time in ns by which reads are too early or too late that begin a new line
+_SHIFT = 5_000_000  # smallest earliness or lateness of reads in ns that begins a new line
 _SLEW = 2e-3  # largest relative rate at which the stamps of a settled clock approach the line
 _WARM_UP_SLEW = 0.5  # largest relative rate at which they approach it before the clock is settled
 
