@@ -139,7 +139,7 @@ def states_in(entries: Sequence[Entry], batch: str) -> list[RecordState]:
 def fault_of(data: bytes, states: Sequence[RecordState]) -> str:
     """Return the reason why a record is broken, or an empty string.
 
-    `data` is the content of the file, and `states` are its states in the audit log.
+    `data` is the content of the file. `states` contains the states of the record in the audit log.
     """
     return _broken_line(data) or _contradicted(data, states)
 
@@ -294,8 +294,8 @@ class RecordWriter:
     def resume(self, batch: str, time: str = '', states: Sequence[RecordState] = ()) -> None:
         """Continue the record of a batch, unless it has ended.
 
-        `states` contains its states in the audit log. If the record is broken, a line with the
-        fault and the time `time` is added.
+        `states` contains the states of the record in the audit log. If it is broken, a line with
+        the fault and the time `time` is added.
         """
         self._submit(self._open, batch, CONTINUED, time, states)
 

@@ -86,7 +86,7 @@ class ModbusEyesParameters(_DeviceParameters):
         if self.poll_period / 2 > self.max_uncertainty:
             raise ParameterError(
                 f'modbus.poll_period: half of {self.poll_period:g} s is more than max_uncertainty '
-                f'{self.max_uncertainty:g} s'
+                f'{self.max_uncertainty:g} s; choose a shorter period'
             )
 
 
