@@ -32,5 +32,7 @@ def _values(record: Any) -> tuple[object, ...]:
 
 def _plain(value: object) -> object:
     if isinstance(value, np.ndarray):
-        return tuple(value.tolist())
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return tuple(map(_plain, value))
     return 'NaN' if isinstance(value, float) and math.isnan(value) else value
