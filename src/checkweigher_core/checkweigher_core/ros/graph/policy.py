@@ -33,7 +33,6 @@ _VIEWED: dict[str, tuple[Port, ...]] = {
     'record': ports.RECORDED,
     RUN: (ports.DIAGNOSTICS, ports.MASS_ESTIMATE, ports.VERDICT, ports.REFERENCE_MASS),
     PAGE: (ports.DIAGNOSTICS,),
-    'segmenter': (ports.DIAGNOSTICS,),  # the segmenter does not use this right at present
     'page_results': ports.PAGE_RESULTS,
     'page_signals': ports.PAGE_SIGNALS,
     PAGE_WORK: (
