@@ -204,7 +204,7 @@ class RecipesDialog(Dialog):
     async def _import(self) -> None:
         if not self._imported:
             raise ActionRefusedError(Text('choose a file first'))
-        if len(self._imported) >= _LARGEST:
+        if len(self._imported.encode()) >= _LARGEST:
             raise ActionRefusedError(Text('the file is too large for recipes'))
         try:
             found = read_settings(self._imported, RecipeFile).products

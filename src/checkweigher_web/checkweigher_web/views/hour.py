@@ -17,7 +17,7 @@ from checkweigher_web.charts import ALARM, DENOISED, INK, MUTED, Options
 from checkweigher_web.drawing import Drawing, row_key
 from checkweigher_web.elements import Figure
 from checkweigher_web.history import HOUR, History, intervals
-from checkweigher_web.lane import Key, ShownItem
+from checkweigher_web.lane import MAX_ITEMS, Key, ShownItem
 from checkweigher_web.languages.language import ENGLISH, Language, Text
 from checkweigher_web.views.fault_marks import Scene, empty_belt
 from checkweigher_web.views.view import SLOW, View
@@ -121,7 +121,7 @@ class HourView(View):
 
 def hour(drawing: Drawing, say: Language = ENGLISH, *, live: bool) -> str:
     """Return the figure of the last hour, or of a whole recorded shift, as JSON."""
-    many = len(drawing.items()) >= _MANY
+    many = len(drawing.items()) >= MAX_ITEMS  # the list of a running lane is full
     now = int(time.monotonic() / _RARELY) if many and live else drawing.lane.version
     return drawing.once(('hour', say), now, lambda: json.dumps(_draw(drawing, say, live=live)))
 
