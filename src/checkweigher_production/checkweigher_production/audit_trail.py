@@ -118,7 +118,10 @@ class AuditTrail:
             self._append(*self._owed[0])
             self._owed.popleft()
         if self._refused:
-            text = f'{self._refused} changes, because the log could not be written: {self._reason}'
+            changes = 'change' if self._refused == 1 else 'changes'
+            text = (
+                f'{self._refused} {changes}, because the log could not be written: {self._reason}'
+            )
             self._append(self._clock(), REFUSED, 'audit log', None, text, None)
             self._refused = 0
 

@@ -105,7 +105,7 @@ def test_what_happened_while_the_disk_was_full_is_written_later_with_its_own_tim
     assert [(entry.time, entry.kind, entry.new) for entry in found.entries] == [
         ('at 0', 'calibration', {'counts_per_kg': 5e5}),
         ('at 1', 'restored', 'nuts'),
-        ('at 2', 'refused', f'1 changes, because the log could not be written: {path}: {FULL}'),
+        ('at 2', 'refused', f'1 change, because the log could not be written: {path}: {FULL}'),
         ('at 3', 'parameter', 0.2),
     ]
 

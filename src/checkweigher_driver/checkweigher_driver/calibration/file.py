@@ -71,7 +71,8 @@ def read_version(path: Path) -> int:
     found = re.match(re.escape(_FIRST_LINE) + r'(\d+)\b', first)
     if found is None:
         raise CalibrationError(
-            f'{path}: exists already and is not a calibration file; choose another name'
+            f'{path}: is not a calibration file, which begins with "{_FIRST_LINE}"; '
+            'choose another file'
         )
     return int(found.group(1))
 

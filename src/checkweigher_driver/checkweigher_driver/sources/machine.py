@@ -81,7 +81,9 @@ class MachineSource(Source):
         except Exception as error:
             self._queue.put(error)
         else:
-            self._queue.put(None if self._closed else RuntimeError(f'{what} have ended'))
+            self._queue.put(
+                None if self._closed else RuntimeError(f'the source of the {what} has ended')
+            )
 
     def close(self) -> None:
         """Close both devices."""

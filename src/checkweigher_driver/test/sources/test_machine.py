@@ -107,7 +107,7 @@ def test_what_ends_a_device_ends_the_machine():
     reader = Reader(MachineSource(cell, eyes))
     eyes.close()  # by itself, not by the machine
     reader.wait_for_end()
-    assert str(reader.error) == 'eyes have ended'
+    assert str(reader.error) == 'the source of the eyes has ended'
 
 
 def test_a_machine_that_is_closed_ends_without_an_error():
