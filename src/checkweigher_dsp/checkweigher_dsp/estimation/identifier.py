@@ -39,19 +39,22 @@ class _OwnParameters(Parameters):
     estimator: str = parameter('iswd_eksi', 'estimator of the mass', choices=tuple(ESTIMATORS))
     max_relative_std_dev: float = parameter(
         0.25,
-        'largest standard deviation relative to the mass; a larger one is NoConvergence',
+        'largest standard deviation as a fraction of the mass; above it, the item gets no mass, '
+        'with the reason NoConvergence',
         minimum=0,
         maximum=1e9,
     )
     speed_tolerance: float = parameter(
         0.03,
-        'largest relative distance from the trained speeds; a larger one is SpeedNotTrained',
+        'largest relative distance of the belt speed from the range of the trained speeds; beyond '
+        'it, the item gets no mass, with the reason SpeedNotTrained',
         minimum=0,
         maximum=1e9,
     )
     learn: bool = parameter(
         False,
-        'whether to learn from products of unknown mass, and to use the result where it is better',
+        'whether to learn weights from products of unknown mass during operation, and to use them '
+        'for the mass where they are more precise than the estimator',
     )
     learning: LearningParameters = LearningParameters()
 
@@ -103,17 +106,17 @@ _WithReferences: Any = _with_sets(IdentifierParameters, REFERENCES)
 
 @dataclass(frozen=True)
 class ComparedParameters(_WithReferences, IdentifierParameters):
-    """Parameters of an identifier that may also use one of `REFERENCES`, which no line offers."""
+    """Parameters of an identifier for comparisons, which may also use one of `REFERENCES`."""
 
     estimator: str = parameter('iswd_eksi', 'estimator of the mass', choices=tuple(METHODS))
 
 
 class Identifier:
-    """Stage that estimates the mass in each denoised window.
+    """Stage that estimates the mass in each weigh window.
 
-    With `IdentifierParameters.learn`, the stage learns from each weighed window, and weighs later
-    windows by the result if it is better. `known` is the learned state of an earlier process. It is
-    ignored if it belongs to another estimator or to other parameters.
+    With `IdentifierParameters.learn`, the stage learns weights from each weighed window, and uses
+    them for later windows if they are more precise than the estimator. `known` is the learned state
+    of an earlier process. It is ignored if it belongs to another estimator or to other parameters.
 
     Examples
     --------
@@ -133,7 +136,8 @@ class Identifier:
         self._known = parameters.chosen
         self._estimator = METHODS[parameters.estimator](self._known)
         basis = parameters.basis
-        # Apart from `known`, the learned state depends only on the windows and their order.
+        # The learned state depends only on `known` and on the sequence of windows, so that a replay
+        # of the same windows results in the same masses.
         self.learned = known if known is not None and known.basis == basis else LearnedKinds(basis)
         self._lesson: tuple[WeighWindow, LoadEstimate] | None = None
 
@@ -147,7 +151,7 @@ class Identifier:
         return self.estimate_all([window])[0]
 
     def estimate_all(self, windows: Sequence[WeighWindow]) -> list[MassEstimate]:
-        """Estimate many masses, with the same results to the last bit as one by one."""
+        """Return the mass in each window, with the same results to the last bit as `estimate`."""
         refused = self._failures.each(self._refuse, self._failed, windows)
         accepted = [each for each, no in zip(windows, refused, strict=True) if no is None]
         loads: Iterator[LoadEstimate | MassEstimate] = iter(
@@ -157,7 +161,7 @@ class Identifier:
         return self._failures.each(self._weigh, self._failed, windows, found)
 
     def learn(self) -> None:
-        """Learn from the last window now, so that the next estimate is not delayed."""
+        """Learn from the last weighed window, so that this does not delay the next `estimate`."""
         lesson, self._lesson = self._lesson, None
         if lesson is not None:
             self.learned = learn(self.learned, *lesson, self._parameters.learning)
@@ -225,7 +229,7 @@ class Identifier:
         zero = (window.zero - window.zero_counts) / window.counts_per_kg
         stable = math.isnan(load.a1) or is_stable(load.a1, load.a2)
         limit = self._parameters.max_relative_std_dev * abs(mass)
-        # A mass or variance that is NaN is also not certain.
+        # If mass or variance are NaN, a comparison is false, so that the estimate is rejected.
         certain = variance >= 0 and math.sqrt(variance) <= limit < math.inf
         if not (stable and certain and is_in_window(load, window)):
             return self._record(window, (Reason.NO_CONVERGENCE.value,), zero=zero)
@@ -248,9 +252,10 @@ class Identifier:
     def _variance(self, window: WeighWindow, load: LoadEstimate, mass: float) -> float:
         """Return the variance of a mass in kg^2.
 
-        A variance that was measured on items is used as it is. Without training, the variances of
-        load and zero are added. After training, the variance of the training passes is used, which
-        includes that of their zero; if the current zero has a larger one, the difference is added.
+        If the variance of the load was measured on items, it is only multiplied by the squared
+        gain. Without training, the variances of load and zero are added. After training, the
+        variance of the training passes is used, which includes the variance of their zero. If the
+        variance of the current zero is larger than that of their zero, the difference is added.
         """
         known, speed = self._known, window.belt_speed
         zero_std_dev = window.zero_std_dev / window.counts_per_kg

@@ -8,9 +8,10 @@ high-pass filter, scaled to keep the variance of white noise, separates this noi
 If the converter works, the filtered signal e and the readings have four properties:
 
 - The variance of e under a load, from t2 to t3, is not below that on the empty belt. The ratio
-  of the variances has approximately an F distribution. The samples of e are correlated, so each
-  counts as 1 / sum r_k^2 degrees of freedom, with the correlations r_k; 0.48 for white noise.
-- e has no steps from t1 to t3, except those that the noise and the product explain. The product
+  of the variances has approximately an F distribution. Because the samples of e are correlated,
+  each of them counts as 1 / sum r_k^2 degrees of freedom, where r_k is the correlation of e at
+  lag k, over all positive and negative lags. If the signal is white noise, this is 0.48.
+- From t1 to t3, e shows no steps except those that the noise and the product explain. The product
   causes an impact in proportion to load and speed, and a change of the slope at t1, t2 and t3.
 - The readings do not repeat. With white noise of s counts, no prediction is right for more than a
   fraction p = erf(1 / (s sqrt 8)) of the readings. So among N readings, a sequence of w readings
@@ -19,9 +20,9 @@ If the converter works, the filtered signal e and the readings have four propert
   be constant. By the Chernoff bound, k > m such blocks occur in at most (m / k)^k exp(k - m) of all
   windows. More of them show that the signal repeatedly reaches a limit of the converter.
 
-Rounding hides noise below 0.3 counts. With such noise, or without an empty belt, only the steps are
-checked. If a quarter of the samples of e are 0, the noise is too small to be measured, and nothing
-is checked.
+Rounding hides noise below 0.3 counts. If the noise is below this limit, or if there are too few
+samples of the empty belt, only the steps are checked. If a quarter of the samples of e are 0, the
+noise is too small to be measured, and nothing is checked.
 """
 
 from functools import lru_cache, reduce
@@ -44,13 +45,15 @@ _STEP_GAIN = float(np.max(np.abs(np.cumsum(_FILTER)))) / _GAIN  # largest e afte
 _SLOPE_GAIN = float(np.max(np.abs(np.cumsum(np.cumsum(_FILTER))))) / _GAIN
 _QUARTILE = 0.3186  # first quartile of the absolute value of a standard normal variable
 _ROUNDING = 1 / 12  # variance of the rounding error in counts^2
-_FEWEST = 24  # least number of filtered samples of the empty belt
-_CHANCE = 1e-5  # largest fraction of valid windows that a rule refuses by chance
-_CALM = -4.26  # standard normal deviate with the probability `_CHANCE`
-_OUTLIER = 3.0  # limit of the samples of the empty belt in standard deviations
+_FEWEST = 24  # smallest number of samples of e on the empty belt from which noise is measured
+_CHANCE = 1e-5  # largest fraction of valid windows that a rule rejects by chance
+_CALM = -4.26  # standard normal deviate that is not exceeded with the probability `_CHANCE`
+# Samples of e on the empty belt are clipped to this many standard deviations, so that single
+# outliers do not increase their variance.
+_OUTLIER = 3.0
 _LAGS = 20  # number of lags of the correlation of e
 _BLOCKS = 2, 4, 8  # lengths of blocks in readings
-_STEP = 7.0  # smallest step in standard deviations of the noise
+_STEP = 7.0  # largest |e| that noise explains, in standard deviations of the noise
 _STRIKE = 2e-3  # step due to the impact of a product, as a fraction of the load per m/s of speed
 
 
@@ -136,5 +139,5 @@ def _is_repeated(counts: NDArray[np.int64], predicted: float) -> bool:
 
 @lru_cache(maxsize=64)
 def _factors(length: int) -> NDArray[np.int64]:
-    """Return random factors, (length,), whose products with readings add up to a hash."""
+    """Return random factors, (length,), for a hash: the sum of the readings times these factors."""
     return np.random.Generator(np.random.PCG64(length)).integers(-(2**62), 2**62, length)

@@ -32,15 +32,16 @@ class AeksiParameters(AdaptiveParameters):
 
     measurement_noise: tuple[float, ...] = parameter(
         (1.0,),
-        'R, as a multiple of the variance of the least-squares residual',
+        'measurement noise R of the Kalman filter, as a multiple of the variance of the '
+        'least-squares residual',
         minimum=1e-9,
         maximum=1e9,
     )
     process_noise: tuple[float, ...] = parameter(
-        (0.1,), 'Q, as a multiple of R', minimum=0, maximum=1e9
+        (0.1,), 'process noise Q of the Kalman filter, as a multiple of R', minimum=0, maximum=1e9
     )
     coefficient_variance: tuple[float, ...] = parameter(
-        (1.0,), 'P0 of a1 and a2', minimum=1e-12, maximum=1e9
+        (1.0,), 'initial variance P0 of a1 and a2', minimum=1e-12, maximum=1e9
     )
 
 
@@ -63,7 +64,7 @@ class Aeksi(Aid):
     )
 
     def settings(self, speed: float) -> tuple[AdaptiveSettings, Noise]:
-        """Return the settings of prefilter and Kalman filter at a belt speed in m/s."""
+        """Return the settings of the prefilter and the Kalman filter at a belt speed in m/s."""
         known = self.parameters
         names = 'measurement_noise', 'process_noise', 'coefficient_variance'
         return known.settings(speed), Noise(*(known.at(name, speed) for name in names))

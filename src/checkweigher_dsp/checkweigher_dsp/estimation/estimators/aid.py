@@ -60,7 +60,7 @@ class AdaptiveSettings:
 
     The prefilter is computed before each identification of the platform except the first, so with
     one iteration there is no adaptive prefilter. The taps of the low-pass are a Hann window of at
-    most half the weigh window. A cut-off from 0.29 times the sample rate on has no effect.
+    most half the weigh window. A cut-off of at least 0.29 times the sample rate has no effect.
     """
 
     iterations: int = 5  # number of identifications
@@ -83,7 +83,8 @@ class AdaptiveParameters(EstimatorParameters):
     )
     lowpass_cutoff: tuple[float, ...] = parameter(
         (480.0,),
-        'cut-off frequency of the fixed low-pass; no low-pass from 0.29 of the sample rate on',
+        'cut-off frequency (-3 dB) of the fixed low-pass filter; a value of 0.29 times the sample '
+        'rate or more has no effect',
         unit='Hz',
         minimum=1,
         maximum=1e6,
@@ -157,8 +158,9 @@ class Aid(Estimator):
 class AdaptiveIdentification(Identification):
     """Identification of each window; `stable` is whether the last iteration found stable poles.
 
-    If it did not, AID returns the values of the last iteration with stable poles. Without such an
-    iteration, `gain` and `b1` are the Hann-weighted mean of the window, and a1 and a2 are 0.
+    If the last poles are unstable, AID returns the values of the last iteration with stable poles.
+    Without such an iteration, `gain` and `b1` are the Hann-weighted mean of the window, and a1 and
+    a2 are 0.
     """
 
     stable: NDArray[np.bool_]
@@ -182,8 +184,8 @@ def identify_adaptive(
     Parameters
     ----------
     samples : ndarray, (windows, n) float64
-        Windows from t2 to t3 in kg without the zero, with n at least `LEAST_SAMPLES`. In
-        another unit, only b1, mass and variance are scaled.
+        Windows from t2 to t3 in kg without the zero, with n at least `LEAST_SAMPLES`. With samples
+        in another unit, mass and b1 are in this unit, and a1 and a2 are the same.
     settings : AdaptiveSettings
         Settings of the prefilter.
     sample_rate : float
@@ -279,7 +281,7 @@ def _least_squares(x: Array) -> AdaptiveIdentification:
     a1 = (s12 * s02 - s22 * s01) * inverse
     a2 = (s12 * s01 - s11 * s02) * inverse
     b1 = level0 + a1 * level1 + a2 * level2
-    # Divide only with stable poles, for which 1 + a1 + a2 is positive.
+    # Divide by 1 + a1 + a2 only if the poles are stable, because it is then positive.
     stable = is_stable(a1, a2) & np.isfinite(b1)
     total = np.where(stable, 1 + a1 + a2, 1.0)
     mass = b1 / total

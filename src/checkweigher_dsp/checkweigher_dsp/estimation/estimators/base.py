@@ -19,8 +19,8 @@ from checkweigher_dsp.signal.averages import hann_mean
 
 _std_dev = partial(parameter, unit='kg', minimum=0, maximum=1e3)
 
-# Largest distance of an estimate from the mean of a window. The first term is in standard
-# deviations of the samples. The second term, a share of the load, allows for parameters that were
+# Largest distance of an estimate from the mean of a window: `_SPREAD` standard deviations of the
+# samples, plus the fraction `_BIAS` of the mean. The second term allows for parameters that were
 # trained on another platform.
 _SPREAD = 2.0
 _BIAS = 0.02
@@ -42,28 +42,37 @@ class LoadEstimate:
 
 @dataclass(frozen=True)
 class EstimatorParameters(Parameters):
-    """Results of training passes at one or more belt speeds.
+    """Parameters that all estimators have, learned from passes at one or more belt speeds.
 
-    Each list has one value for each of ``speeds``. The values are interpolated between the speeds.
+    Each list has one value for each of ``speeds``, except those for which a subclass overrides
+    `fits`. The values are interpolated between the speeds.
     """
 
     calibrated: bool = parameter(False, 'whether the lists below come from training passes')
-    training: str = parameter('', 'training passes: bags, number, speeds')
+    training: str = parameter('', 'description of the training passes: bags, number, belt speeds')
     speeds: tuple[float, ...] = parameter(
         (1.0,), 'belt speeds of the lists below, ascending', unit='m/s', minimum=1e-3, maximum=100
     )
     gain: tuple[float, ...] = parameter(
         (1.0,), 'the mass is gain times the estimate, plus offset', minimum=0.1, maximum=10
     )
-    offset: tuple[float, ...] = parameter((0.0,), 'see gain', unit='kg', minimum=-1e3, maximum=1e3)
+    offset: tuple[float, ...] = parameter(
+        (0.0,), 'offset of the mass; see gain', unit='kg', minimum=-1e3, maximum=1e3
+    )
     std_dev: tuple[float, ...] = _std_dev(
-        (0.0,), 'standard deviation on training passes, the part that all masses have'
+        (0.0,),
+        'standard deviation of the mass on training passes: the part that is the same for all '
+        'masses',
     )
     relative_std_dev: tuple[float, ...] = parameter(
-        (0.0,), 'standard deviation in proportion to the mass', minimum=0, maximum=10
+        (0.0,),
+        'standard deviation of the mass on training passes: the part in proportion to the mass, as '
+        'a fraction of the mass',
+        minimum=0,
+        maximum=10,
     )
     zero_std_dev: tuple[float, ...] = _std_dev(
-        (0.0,), 'standard deviation of the zero on training passes, as the segmenter stated it'
+        (0.0,), 'standard deviation of the zero on training passes, as computed by the segmenter'
     )
 
     def __post_init__(self) -> None:
@@ -133,12 +142,15 @@ class Estimator(ABC):
 
     parameters: EstimatorParameters  # The attribute of the class contains the defaults.
     needs_denoised: ClassVar[bool] = False  # whether it uses the denoised instead of the raw signal
-    package: ClassVar[str] = ''  # Python package that package.xml omits because apt lacks it
+    # Python package that the estimator needs, but package.xml omits because apt does not offer it.
+    package: ClassVar[str] = ''
     look: ClassVar[PlotStyle | None] = None  # style in reports, by default chosen automatically
-    # Axes that the command `tune` searches. Unless `learn` is overridden, they are parameter lists.
+    # Axes that the command `tune` searches. Unless `learn` is overridden, each axis has the name of
+    # the parameter list that it sets.
     axes: ClassVar[tuple[Axis, ...]] = ()
-    folds: ClassVar[int] = 0  # folds of the cross-validation by `tune`; 0: learns from no passes
-    fewest: ClassVar[int] = 1  # least number of passes to learn from
+    # Number of folds of the cross-validation by `tune`, or 0 if `learn` does not use the passes.
+    folds: ClassVar[int] = 0
+    fewest: ClassVar[int] = 1  # smallest number of passes from which the estimator can learn
 
     def __init__(self, parameters: Any) -> None:
         self.parameters = parameters
@@ -158,7 +170,8 @@ class Estimator(ABC):
         """Learn lists of parameters from passes at one belt speed, and return them by name.
 
         `known` are the previous parameters, and `masses`, (windows,), the true masses in kg.
-        `values` is a point of the search along `axes`. The default is to return these values.
+        `values` is a point of the search along `axes`. By default, these values are returned as
+        lists.
         """
         return {name: (value,) for name, value in values.items()}
 
@@ -168,7 +181,7 @@ class Average(Estimator):
 
     @abstractmethod
     def average(self, samples: Array, window: WeighWindow) -> float:
-        """Return the average of the samples of a window, (n,) in kg, or NaN without an average."""
+        """Return the average in kg of the samples of a window, (n,), or NaN if there is none."""
 
     def estimate(self, window: WeighWindow) -> LoadEstimate:
         """Return the average of a window."""
@@ -193,10 +206,10 @@ def rough_variance(samples: Array) -> float:
 
 
 def is_in_window(load: LoadEstimate, window: WeighWindow) -> bool:
-    """Return whether a load is within the range of the samples of its window.
+    """Return whether a load is close to the mean of the samples of its window.
 
-    An estimator may assume how the load rises. The load is outside the range if it rose in another
-    way, because the belt stopped or an unseen object left the belt.
+    An estimator may assume how the load rises. If the load rises in another way, because the belt
+    stops or an unseen object leaves the belt, the estimate may be far from the mean.
     """
     samples = raw_samples(window)
     level = float(np.mean(samples))

@@ -71,7 +71,7 @@ class FirModel(Average):
         curve = self.parameters.row_at('weights', window.belt_speed)
         try:
             return float(np.add.reduce(samples * fir_weights(curve, len(samples))))
-        except ValueError:  # The sum of the weights is 0.
+        except ValueError:  # The sum of the weights is 0 or not finite.
             return math.nan
 
     @classmethod
@@ -116,9 +116,10 @@ _LEAST_SUM = 1e-9
 def fit_fir(samples: Sequence[Array] | Array, masses: Array, count: int, ridge: float) -> Array:
     r"""Learn the weights with the smallest error on training passes, at unity gain.
 
-    Knot j contributes z_j to the weighted sum of a window, and c_j for a load of 1. The regression
-    on the mass, which gain and offset correct later, is subtracted from the error
-    :math:`e_j = z_j - M c_j`. The remainder has the covariance R. The knots minimise
+    With a value of 1, knot j contributes z_j to the weighted sum of a window, and would contribute
+    c_j to that of a constant load of 1. The error :math:`e_j = z_j - M c_j` may depend on the mass
+    M. Gain and offset correct this part later, so the linear regression of the error on M is
+    subtracted. The remainder has the covariance R. The values w of the knots minimise
 
     .. math:: w' R w + \lambda \bar R \, |\Delta^2 w|^2 \quad\text{with}\quad c' w = 1,
 
@@ -168,7 +169,7 @@ _LEAST_RIDGE = 1e-9
 
 @lru_cache(maxsize=64)
 def _basis(count: int, knots: int) -> Array:
-    """Return the share of each knot in each sample, (count, knots)."""
+    """Return the weight of each knot in the interpolated curve at each sample, (count, knots)."""
     position = np.linspace(0, knots - 1, count) if count > 1 else np.full(1, (knots - 1) / 2)
     basis = np.maximum(0, 1 - abs(position[:, None] - np.arange(knots)))
     basis.flags.writeable = False

@@ -39,11 +39,12 @@ from checkweigher_dsp.signal.averages import hann_mean
 from checkweigher_dsp.signal.platform_response import Crossing, Platform, responses
 from checkweigher_dsp.signal.prewhitening import Prewhitener, pooled_reflections
 
-_LEAST_CHANGE = 1e-9  # smallest relative change of the mass that needs another iteration
+_LEAST_CHANGE = 1e-9  # relative change of the mass at which the iteration ends
 _MAX_ITERATIONS = 8
-_FREE = 1.0  # standard deviation of an unknown oscillation in kg
+_FREE = 1.0  # prior standard deviation of an unknown oscillation in kg
 _RATE_TOLERANCE = 1e-3  # largest relative deviation of the sample rate
-# Step in m/s of the belt speeds of noise models, below the widths of the spectral lines.
+# Noise models are computed for belt speeds that are multiples of this step in m/s, so that they can
+# be cached. Within a step, a spectral line moves by less than its width.
 _SPEED_STEP = 1e-3
 _UNTRAINED_ORDER = 40  # largest order of the autoregression without training
 _LEAST_NOISE = 1e-9  # standard deviation in kg that is used for a signal without noise
@@ -59,7 +60,8 @@ class GaussMarkovParameters(EstimatorParameters):
 
     sample_rate: float = parameter(
         0.0,
-        'sample rate of the noise model; 0: the noise of the empty belt before each item',
+        'sample rate of the noise model; 0: not trained, so the noise of the empty belt before '
+        'each item is used',
         unit='Hz',
         minimum=0,
         maximum=1e6,
@@ -74,30 +76,35 @@ class GaussMarkovParameters(EstimatorParameters):
         2.5, 'moving mass of the empty platform', unit='kg', minimum=1e-3, maximum=1e4
     )
     entry_begin: float = _position(
-        0.0, 'position of the product behind the infeed eye at which the load begins to rise'
+        0.0, 'distance that the product has moved since t1 when the load begins to rise'
     )
     entry_end: float = _position(
-        0.0, 'position of the product behind that at t2 at which the load is complete'
+        0.0, 'distance that the product has moved since t2 when the load is complete'
     )
     impact: tuple[float, ...] = parameter(
         (0.0,),
-        'standard deviation of the oscillation after the impact at entry, per mass and speed',
+        'standard deviation of the oscillation after the impact at entry, in kg per kg of mass and '
+        'per m/s of belt speed',
         unit='s/m',
         minimum=0,
         maximum=100,
     )
     lead_time: float = parameter(
-        0.4, 'longest signal before t1 that is used', unit='s', minimum=0, maximum=60
+        0.4, 'longest part of the signal before t1 that is used', unit='s', minimum=0, maximum=60
     )
     max_misfit: float = parameter(
         4.0,
-        'largest misfit of signal and model, as a multiple of the noise; beyond it there is none',
+        'largest rms residual of the signal from the model, as a multiple of the noise; above it, '
+        'the item gets no mass',
         minimum=1,
         maximum=1e9,
     )
     order: int = parameter(1, 'order of the autoregression', minimum=1, maximum=1000)
     reflection: tuple[float, ...] = parameter(
-        (0.0,), 'reflection coefficients: `order` values per speed', minimum=-1, maximum=1
+        (0.0,),
+        'reflection coefficients of the autoregression: `order` values for each speed',
+        minimum=-1,
+        maximum=1,
     )
     noise: tuple[float, ...] = parameter(
         (1e-3,),
@@ -167,7 +174,7 @@ class GaussMarkov(Estimator):
         self._whitener = lru_cache(maxsize=32)(self._whitener_at)
 
     def estimate(self, window: WeighWindow) -> LoadEstimate:
-        """Return the load in a window. With a learned model, the variance includes the zero."""
+        """Return the load in a window. Its variance includes the zero if the model is learned."""
         known = self.parameters
         if not known.sample_rate:
             return estimate_untrained(window)

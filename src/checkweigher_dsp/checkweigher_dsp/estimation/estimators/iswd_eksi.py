@@ -32,23 +32,35 @@ class IswdEksiParameters(EstimatorParameters):
     node: ClassVar[str] = 'identifier.iswd_eksi'
 
     measurement_noise: float = parameter(
-        0.25, 'R, as a multiple of the variance that denoising removed', minimum=1e-9, maximum=1e9
+        0.25,
+        'measurement noise R of the Kalman filter, as a multiple of the variance that denoising '
+        'removed',
+        minimum=1e-9,
+        maximum=1e9,
     )
-    process_noise: float = parameter(0.01, 'Q as a multiple of R', minimum=0, maximum=1e9)
+    process_noise: float = parameter(
+        0.01, 'process noise Q of the Kalman filter, as a multiple of R', minimum=0, maximum=1e9
+    )
     initial_variance: float = parameter(
-        1.0, 'P0 of x and b1, for a signal that is normalised to 1', minimum=1e-9, maximum=1e9
+        1.0,
+        'initial variance P0 of x and b1, for a signal that is normalised to 1',
+        minimum=1e-9,
+        maximum=1e9,
     )
-    coefficient_variance: float = parameter(1e-6, 'P0 of a1 and a2', minimum=0, maximum=1e9)
+    coefficient_variance: float = parameter(
+        1e-6, 'initial variance P0 of a1 and a2', minimum=0, maximum=1e9
+    )
     rise_noise: tuple[float, ...] = parameter(
         (10.0,),
-        'R while the load rises, as a multiple of R; 1e9: the filter begins at t2',
+        'factor of R from t1 to t2, while the load rises; with 1e9, samples before t2 have '
+        'practically no effect',
         minimum=1,
         maximum=1e9,
     )
     doubt: bool = parameter(
         True,
-        'whether an untrained estimator gives the level of the window more weight, the worse the '
-        'rise fits the assumed platform',
+        'whether the untrained estimator averages its result with the level of the window, which '
+        'gets more weight the worse the rise of the load fits the assumed platform',
     )
 
     @property
@@ -89,7 +101,7 @@ class IswdEksi(Estimator):
     )
 
     def estimate(self, window: WeighWindow) -> LoadEstimate:
-        """Return the steady state of the identified platform, after `doubt` if it is set."""
+        """Return the steady state of the identified platform, which `doubt` may correct."""
         return self.estimate_all([window])[0]
 
     def estimate_all(self, windows: Sequence[WeighWindow]) -> list[LoadEstimate]:
@@ -115,24 +127,26 @@ def identify_passes(
     """Identify the platform from denoised passes.
 
     Each signal is divided by its mean under the full load, and the removed variance by the square
-    of this mean. So the Kalman filter has no unit.
+    of this mean. So the variances of the Kalman filter have no unit.
 
     Parameters
     ----------
-    passes : sequence of (ndarray, (n_i,), ndarray, (n_i,))
-        Denoised signal in kg up to t3, and fraction of the product on the belt at each sample,
-        which increases to 1 at t2.
+    passes : sequence of tuples of two ndarrays, (n_i,) float64
+        For each pass, the denoised signal in kg up to t3, and the fraction of the product on the
+        belt at each sample, which increases to 1 at t2.
     removed_variance : ndarray, (passes,) float64
         Variance in kg^2 that denoising removed between t2 and t3.
     noise : Noise
         Variances of the Kalman filter, with R as a multiple of the removed variance.
     rise : float or ndarray, (passes,)
-        Factor of R while the load rises, at least 1, because no product enters quite evenly.
+        Factor of R while the load rises, at least 1. It is usually larger, because products do not
+        enter at an exactly constant speed.
 
     Returns
     -------
     Identification
-        Result with ``gain`` and ``b1`` in kg and ``variance`` in kg^2, or NaN without a signal.
+        Result with ``gain`` and ``b1`` in kg and ``variance`` in kg^2. It is NaN for a pass whose
+        mean under the full load is 0 or not finite.
 
     Examples
     --------

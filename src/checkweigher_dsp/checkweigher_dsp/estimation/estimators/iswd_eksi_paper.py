@@ -3,8 +3,8 @@
 """Reference implementation of ISWD-EKSI, which follows the paper literally with errata applied.
 
 The implementation uses PyWavelets and filterpy for one window at a time. Section and equation
-numbers refer to Long et al.; docs/method.md lists the errata. Choices that the paper does not
-specify are marked as open. In the estimator `iswd_eksi`, these choices result from measurements.
+numbers refer to Long et al.; docs/method.md lists the errata. The word "(open)" marks choices that
+the paper does not specify. In the estimator `iswd_eksi`, these choices result from measurements.
 """
 
 from dataclasses import dataclass
@@ -43,9 +43,15 @@ class IswdEksiPaperParameters(EstimatorParameters):
         1e-7, 'unit of the thresholds in Table 1', unit='kg', minimum=0, maximum=1e3
     )
     measurement_noise: float = parameter(
-        0.25, 'R, as a multiple of the variance that denoising removed', minimum=1e-9, maximum=1e9
+        0.25,
+        'measurement noise R of the Kalman filter, as a multiple of the variance that denoising '
+        'removed',
+        minimum=1e-9,
+        maximum=1e9,
     )
-    process_noise: float = parameter(0.01, 'Q as a multiple of R', minimum=0, maximum=1e9)
+    process_noise: float = parameter(
+        0.01, 'process noise Q of the Kalman filter, as a multiple of R', minimum=0, maximum=1e9
+    )
 
 
 class IswdEksiPaper(Estimator):

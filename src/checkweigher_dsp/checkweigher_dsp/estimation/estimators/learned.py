@@ -33,7 +33,7 @@ from checkweigher_dsp.estimation.estimators.base import (
 from checkweigher_dsp.signal import Array
 from checkweigher_dsp.signal.averages import hann_mean
 
-# A deviation of t2 below this share of t3 - t1 is considered as jitter of an eye, and t2 is then
+# A deviation of t2 below this fraction of t3 - t1 is attributed to jitter of an eye, and t2 is then
 # computed from t1 and t3. A larger deviation indicates a different length of the product.
 _SAME_RISE = 0.02
 PARTS = 64  # number of parts from t1 to t3, which resolve 50 Hz on a slow belt
@@ -49,24 +49,26 @@ class LearnedParameters(EstimatorParameters):
     node: ClassVar[str] = 'identifier.learned'
 
     parts: int = _parts(
-        0, 'number of equal parts from t2 to t3; 0: not trained, the Hann-weighted mean'
+        0, 'number of equal parts from t2 to t3; 0: not trained, so the Hann-weighted mean is used'
     )
     rise_parts: int = _parts(0, 'number of equal parts from t1 to t2')
-    lead_parts: int = _parts(0, 'number of parts before t1, as long as the others on average')
+    lead_parts: int = _parts(
+        0, 'number of equal parts before t1, each as long as the parts from t1 to t3 on average'
+    )
     gap: float = parameter(
         0.0,
-        'shortest time since the item before had left with which the signal before t2 is used, as '
-        'a multiple of t3 - t1',
+        'shortest time from the exit of the previous item to t1 with which the signal before t2 is '
+        'used, as a multiple of t3 - t1',
         minimum=0,
         maximum=1e3,
     )
     weights: tuple[float, ...] = _weights(
-        (0.0,), 'weights of the parts before t1, up to t2 and up to t3, for each speed'
+        (0.0,), 'weights of the parts before t1, from t1 to t2 and from t2 to t3, for each speed'
     )
     weights_alone: tuple[float, ...] = _weights(
         (0.0,),
-        'weights of the parts from t2 to t3 alone, for items close behind another: `parts` values '
-        'for each speed',
+        'weights of the parts from t2 to t3 if only these are used, because the item follows too '
+        'closely behind the previous one: `parts` values for each speed',
     )
 
     def fits(self, name: str, count: int) -> bool:
@@ -132,7 +134,7 @@ def _between(speed: float, speeds: tuple[float, ...], table: Array) -> Array:
 
 
 def rise_parts(share: float) -> int:
-    """Return the number of `PARTS` from t1 to t2; `share` is (t2 - t1) / (t3 - t1)."""
+    """Return how many of the `PARTS` parts are before t2; `share` is (t2 - t1) / (t3 - t1)."""
     return min(max(round(PARTS * share), 1), PARTS - 1)
 
 
@@ -160,7 +162,7 @@ def pass_features(window: WeighWindow, layout: Layout) -> Array:
     before = np.arange(-layout.lead, 0) * (whole / total)
     rising = np.linspace(0.0, turn, layout.rise, endpoint=False)
     resting = np.linspace(turn, whole, layout.window + 1)
-    # The last sample is up to one interval before t3.
+    # Limit the end of the last part, because the last sample may be up to one interval before t3.
     bounds = np.minimum(np.concatenate([before, rising, resting]), ends[-1])
     widths = np.diff(bounds)
     if not (bounds[0] >= ends[0] and np.all(widths > 0)):

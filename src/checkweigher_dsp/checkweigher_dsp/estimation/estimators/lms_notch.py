@@ -40,13 +40,25 @@ class LmsNotchParameters(EstimatorParameters):
     frequency: tuple[float, ...] = parameter(
         (38.0,), 'frequency of the notch', unit='Hz', minimum=0, maximum=1e5
     )
-    step: tuple[float, ...] = parameter((0.05,), 'largest step beta', minimum=0, maximum=0.5)
-    sharpness: tuple[float, ...] = parameter((1e3,), 'alpha', minimum=0, maximum=1e12)
+    step: tuple[float, ...] = parameter(
+        (0.05,), 'largest step size beta of the LMS algorithm', minimum=0, maximum=0.5
+    )
+    sharpness: tuple[float, ...] = parameter(
+        (1e3,),
+        'parameter alpha of the step size: the larger it is, the faster the step size increases '
+        'with the error',
+        minimum=0,
+        maximum=1e12,
+    )
     smoothing: tuple[float, ...] = parameter(
         (0.3,), 'length of the moving average, as a share of the window', minimum=0, maximum=1
     )
-    cut_low: tuple[float, ...] = _share((0.1,), 'share of the smallest means that is not used')
-    cut_high: tuple[float, ...] = _share((0.1,), 'share of the largest means that is not used')
+    cut_low: tuple[float, ...] = _share(
+        (0.1,), 'fraction of the moving averages that is not used, of the smallest ones'
+    )
+    cut_high: tuple[float, ...] = _share(
+        (0.1,), 'fraction of the moving averages that is not used, of the largest ones'
+    )
 
 
 class LmsNotch(Average):

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """TVLP-MF estimator: the low-pass filters of TVLPF followed by a morphological filter.
 
-This is a reconstruction from title and classification of the patent application CN113225047A of
-Hunan University (Teng et al., 2021). The morphological filter is the mean of an opening followed by
-a closing and of a closing followed by an opening, with a flat structuring element (Maragos,
-Schafer, Morphological filters, IEEE Trans. ASSP 35, 1987). It removes peaks and dips that are
-shorter than the element. The load is the mean of the last part of its output.
+This is a reconstruction from the title and the classification of the patent application
+CN113225047A of Hunan University (Teng et al., 2021). The morphological filter is the mean of an
+opening followed by a closing and of a closing followed by an opening, with a flat structuring
+element (Maragos, Schafer, Morphological filters, IEEE Trans. ASSP 35, 1987). It removes peaks and
+dips that are shorter than the element. The load is the mean of the last part of its output.
 """
 
 from dataclasses import dataclass
@@ -97,6 +97,6 @@ def _close(signal: Array, element: int) -> Array:
 
 
 def _erode(signal: Array, element: int) -> Array:
-    """Return the least of the samples of a signal, (n,), under the centred element."""
+    """Return, for each sample of a signal, (n,), the minimum under the element centred on it."""
     padded = np.pad(signal, element // 2, 'edge')
     return np.asarray(sliding_window_view(padded, element).min(axis=-1))

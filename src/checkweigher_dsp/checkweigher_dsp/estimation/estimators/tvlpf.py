@@ -42,11 +42,12 @@ class TvlpfParameters(EstimatorParameters):
         (50.0,), 'cut-off frequency at t2', unit='Hz', minimum=0, maximum=1e5
     )
     final_cutoff: tuple[float, ...] = parameter(
-        (3.0,), 'cut-off frequency at the end', unit='Hz', minimum=0, maximum=1e5
+        (3.0,), 'cut-off frequency after a long time', unit='Hz', minimum=0, maximum=1e5
     )
     half_life: tuple[float, ...] = parameter(
         (0.1,),
-        'time in which the cut-off frequency falls half of the way, as a share of the window',
+        'time in which the distance from the final cut-off frequency halves, as a fraction of the '
+        'window',
         minimum=1e-4,
         maximum=1e3,
     )
@@ -77,7 +78,7 @@ class Tvlpf(Average):
         return float(np.add.reduce(samples * weights))
 
     def settings(self, window: WeighWindow, count: int) -> tuple[int, float, float, float, float]:
-        """Return the parameters of the filter after `count` for a window of `count` samples."""
+        """Return the arguments of `lowpass_weights` after `count`, for a window of this length."""
         known, speed = self.parameters, window.belt_speed
         return (
             max(1, round(known.at('sections', speed))),
@@ -91,9 +92,9 @@ class Tvlpf(Average):
 def lowpass_steps(
     count: int, initial_cutoff: float, final_cutoff: float, decay: float, sample_rate: float
 ) -> Array:
-    """Return the weight of each sample in the next output of a section, (n,).
+    """Return the weight of each sample in the output of a section at the same time, (n,).
 
-    The parameters are those of `lowpass_weights`.
+    These are the alpha(n) of `lowpass_weights`, which describes the parameters.
     """
     cutoff = final_cutoff + (initial_cutoff - final_cutoff) * decay ** np.arange(count)
     steps: Array = -np.expm1(-2 * math.pi / sample_rate * cutoff)
@@ -112,9 +113,10 @@ def lowpass_weights(
     r"""Return the weight of each sample in the last output of the filter.
 
     Each section is :math:`y(n) = y(n-1) + \alpha(n) (x(n) - y(n-1))` with
-    :math:`\alpha(n) = 1 - e^{-2 \pi f(n) / f_s}`. It has the pole of an analogue section and unity
-    gain at any cut-off. The initial value of all sections is the first sample, because otherwise
-    the output would only approach a constant load and would be biased.
+    :math:`\alpha(n) = 1 - e^{-2 \pi f(n) / f_s}`. A section has the pole of an analogue first-order
+    low-pass filter, and unity gain at any cut-off. The initial value of all sections is the first
+    sample. With the initial value 0, the output would only approach a constant load, and would be
+    biased.
 
     The filter is linear, so the last output is a weighted mean of the samples. The weights are
     computed by the transposed cascade, which runs backwards in time.

@@ -26,12 +26,15 @@ _PARTS = 64  # least number of parts of a window, which resolve 80 Hz on a slow 
 _ENTRY_NOISE = 0.05
 _EXIT_NOISE = 0.001
 _EDGE_EXPONENT = 1.5  # exponent of the additional noise near both ends
-_WHITE = 1e-3  # fraction of white noise, which limits the weights for a single oscillation
+# White noise as a fraction of the variance of the disturbance. Without it, the weights might become
+# very large if the disturbance is a single oscillation.
+_WHITE = 1e-3
 _ITERATIONS = 2
 SETTLE_TIME = 0.1  # duration of the ring-down after the previous item in s
 _RISE_PARTS = 3  # number of parts of the rise, above the period of most platforms
-# Factor of the standard deviation of the level, which is too large because ringing decays. The
-# factor was measured on 21 machines that no estimator was trained on.
+# Factor of the standard deviation of the level. Without it, the standard deviation is too large,
+# because ringing decays within the window. The factor was measured on 21 machines that no estimator
+# was trained on.
 _STATED = 0.6
 
 
@@ -41,11 +44,11 @@ def doubt(window: WeighWindow, load: LoadEstimate) -> LoadEstimate:
     Level and estimate are weighted by their inverse variances. The variance of `load` increases
     with the residual between t1 and t2 and with the lag of the rise. Both are caused by misplaced
     photo-eyes, bounces, or an unexpected platform or amplifier. Smoothing spreads their effect over
-    the pass. The variance of the result is that of the level alone, because a single pass cannot
-    show whether a rise that fits is misleading.
+    the pass. The standard deviation of the result is `_STATED` times that of the level alone,
+    because a single pass cannot show whether an estimate is wrong although the rise fits it.
     """
     if not is_in_window(load, window):
-        return load  # The identifier rejects a load outside the range of the samples.
+        return load  # The identifier rejects a load that is far from the mean of the samples.
     level, deviation = window_level(window)
     misplaced = load.mass * lag_doubt(window) / (2 * transit(window))
     misfit = rise_misfit(window, load.mass) * rise_time(window) / transit(window)
@@ -113,15 +116,15 @@ def rise_misfit(window: WeighWindow, mass: float) -> float:
 def lag_doubt(window: WeighWindow) -> float:
     """Return the rms difference in s between the lag of the rise and that of the default platform.
 
-    The difference includes the uncertainty of the lag. It is 0 if the lag is unknown, because the
-    empty belt before the product is too short.
+    The difference includes the uncertainty of the lag. It is 0 if the lag is unknown, for example
+    because the empty belt before the product is too short.
     """
     seen = lag_of(window)
     return math.hypot(seen.lag - PLATFORM_LAG, seen.std_dev) if seen.is_known else 0.0
 
 
 def _empty_belt(window: WeighWindow) -> Array:
-    """Return the signal of the empty belt in kg between the last ring-down and an item."""
+    """Return the signal of the empty belt in kg, from the end of the last ring-down up to t1."""
     entry = int(np.searchsorted(time_since_entry(window), 0.0))
     begin = window.empty_begin + round(SETTLE_TIME * window.sample_rate)
     return window.force_between(min(begin, entry), entry)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Detection of changes of a machine by the residuals of its items."""
+"""Detection of lasting changes of a machine from the residuals of the items."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,27 +14,30 @@ from checkweigher_dsp.estimation.estimators.learned import PARTS
 from checkweigher_dsp.estimation.learning.regression import Fit, usual_power
 from checkweigher_dsp.signal import Array
 
-RECENT = 20  # number of items that show a change
-_ALIKE = 1.25  # largest ratio between the load of a compared item and the learned loads
-_MOVED = 1.5  # least median shift of a part in standard deviations of the part
-_GROWN = 6.0  # least ratio between the powers of a spectral line after and before a change
-_SAME_PHASE = 0.6  # largest share of the amplitude of a vibration in the mean of several items
-_STRONG = 0.1  # least increase of a spectral line as a share of the total power before
+RECENT = 20  # number of recent items in which a change is searched for
+_ALIKE = 1.25  # largest factor by which a compared load may be outside the range of learned loads
+_MOVED = 1.5  # smallest median shift of a part that is a change, in standard deviations of the part
+_GROWN = 6.0  # smallest ratio of the power of a spectral line to its learned power that is a change
+# Largest amplitude of the mean of several residuals, as a fraction of that of single residuals, for
+# a change to be a vibration.
+_SAME_PHASE = 0.6
+_STRONG = 0.1  # smallest increase of a spectral line, as a fraction of the total learned power
 
 
 @dataclass(frozen=True)
 class Change(Settings):
     """Lasting change of the machine at a place of the pass or at a frequency.
 
-    At a place of the pass, the load differs by `factor` standard deviations of an item. `place` is
-    relative, 0 at t1 and 1 at t3, and NaN if the change is a vibration. The power of a vibration
-    has increased by `factor` at `frequency` in Hz.
+    If the change is at a place of the pass, the load there differs by `factor` standard deviations
+    of an item. `place` is relative, 0 at t1 and 1 at t3. If the change is a vibration, its power at
+    `frequency` in Hz is `factor` times the learned power. The other one of `place` and `frequency`
+    is NaN.
     """
 
-    item_id: int = parameter(text='item with which it was noticed')
-    place: float = parameter(math.nan, 'place in the pass')
-    frequency: float = parameter(math.nan, 'frequency', unit='Hz')
-    factor: float = parameter(0.0, 'by how much')
+    item_id: int = parameter(text='number of the item with which the change was noticed')
+    place: float = parameter(math.nan, 'relative place in the pass, 0 at t1 and 1 at t3')
+    frequency: float = parameter(math.nan, 'frequency of a vibration', unit='Hz')
+    factor: float = parameter(0.0, 'difference in standard deviations, or factor of the power')
 
     def __str__(self) -> str:
         if np.isnan(self.frequency):
@@ -56,9 +59,9 @@ def find_change(
 ) -> Change | None:
     """Return the change of the machine that residuals show, or None without a change.
 
-    The `residuals` of the last items are (k,) each in kg, and at least `RECENT` are needed.
-    `duration` is the duration of a part of the pass in s, and `item_id` the number of the last
-    item.
+    The `residuals` of the last items are (k,) each in kg. With fewer than `RECENT` of them, the
+    result is None. `duration` is the duration of a part of the pass in s, and `item_id` the number
+    of the last item.
     """
     if len(residuals) < RECENT:
         return None

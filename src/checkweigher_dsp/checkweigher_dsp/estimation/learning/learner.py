@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Learning during operation, which updates the learned state by each item."""
+"""Learning during operation, which updates the learned state with each item."""
 
 from dataclasses import dataclass, replace
 from functools import partial
@@ -29,32 +29,38 @@ class LearningParameters(Parameters):
     node: ClassVar[str] = 'identifier.learning'
 
     fewest: int = _items(
-        30, 'number of items of a belt speed and length after which what was learned may weigh'
+        30, 'number of items of one belt speed and length from which weights are first learned'
     )
     most: int = _items(
-        120, 'number of items of a belt speed and length that teach; the later ones are compared'
+        120,
+        'largest number of items of one belt speed and length from which weights are learned; '
+        'later items only show whether the machine has changed',
     )
     kinds: int = parameter(
         8,
-        'number of belt speeds and lengths that are remembered; the one that was not seen for the '
-        'longest goes',
+        'number of combinations of belt speed and item length whose learned state is kept; if '
+        'there are more, the one that was not seen for the longest time is discarded',
         minimum=1,
         maximum=32,
     )
     relearn: bool = parameter(
-        False, 'begin again where a change of the machine is noticed, without `forget_learned`'
+        False,
+        'whether to discard the learned weights and learn again as soon as a change of the machine '
+        'is noticed; otherwise, the weights are not used until the service `forget_learned` is '
+        'called',
     )
     record: str = parameter(
         '',
-        'file that keeps what was learned over a restart; empty for one named after the node in '
-        '$XDG_STATE_HOME/checkweigher, or ~/.local/state/checkweigher; - for none',
+        'file in which the learned state is kept for the next start; empty: a file that is named '
+        'after the node, in $XDG_STATE_HOME/checkweigher or else in ~/.local/state/checkweigher; '
+        '-: no file',
     )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.most < self.fewest:
             raise ParameterError(
-                f'{self.node}.most: {self.most}, must not be below fewest, {self.fewest}'
+                f'{self.node}.most: {self.most} must not be below fewest, which is {self.fewest}'
             )
 
 
@@ -69,11 +75,11 @@ class ItemKind(Settings):
     speed: float = parameter(text='belt speed', unit='m/s', minimum=0)
     length: float = parameter(text='length of the item', unit='m', minimum=0)
     rise: int = parameter(text='parts from t1 to t2', minimum=0, maximum=PARTS - 1)
-    items: int = parameter(0, 'items that were seen', minimum=0)
-    passages: tuple[PassParts, ...] = parameter((), 'passes that teach')
-    fit: Fit | None = parameter(None, 'what they have taught')
+    items: int = parameter(0, 'number of items that were seen', minimum=0)
+    passages: tuple[PassParts, ...] = parameter((), 'passes from which weights are learned')
+    fit: Fit | None = parameter(None, 'learned weights')
     recent: tuple[Array, ...] = parameter((), 'residuals of the last items', unit='kg')
-    change: Change | None = parameter(None, 'change of the machine since then')
+    change: Change | None = parameter(None, 'change of the machine since the weights were learned')
 
     def __post_init__(self) -> None:
         if self.fit and {len(each) for each in self.recent} - {len(self.fit.weights)}:
@@ -85,7 +91,7 @@ class ItemKind(Settings):
         return self.fit is not None and self.fit.trusted and self.change is None
 
     def has(self, window: WeighWindow) -> bool:
-        """Return whether an item is of this kind."""
+        """Return whether the item of a window is of this kind."""
         return (
             abs(window.belt_speed - self.speed) <= _SAME_SPEED * self.speed
             and abs(window.product_length - self.length) <= _SAME_LENGTH * self.length
@@ -160,7 +166,7 @@ def _compared(
 
 
 def _taught(kind: ItemKind, passage: PassParts, parameters: LearningParameters) -> ItemKind:
-    """Return a kind of items with one more item, and with a new fit every few items."""
+    """Return a kind of items with one more item, and with new weights after every `_STEP` items."""
     if kind.change is not None or kind.items >= parameters.most:
         return replace(kind, items=kind.items + 1)
     items, passages = kind.items + 1, (*kind.passages, passage)

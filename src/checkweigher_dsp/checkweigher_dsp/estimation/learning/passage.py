@@ -27,7 +27,7 @@ MOST_LEAD = 48  # largest number of parts before t1
 
 @dataclass(frozen=True)
 class PassParts(Settings):
-    """Parts of a pass, with the load that the chosen estimator found.
+    """Parts of a pass, with the load by the selected estimator.
 
     `parts`, (lead + PARTS,) in kg, are computed by `pass_features`. The first `lead` parts are
     before t1. The last `quiet` of them contain no ring-down of the previous item.
@@ -37,7 +37,9 @@ class PassParts(Settings):
     quiet: int = parameter(text='parts without ring-down', minimum=0)
     duration: float = parameter(text='duration of a part', unit='s', minimum=0)
     load: float = parameter(text='load by the estimator', unit='kg', minimum=0)
-    variance: float = parameter(text='it states; 0 for none', unit='kg^2', minimum=0)
+    variance: float = parameter(
+        text='variance of the load by the estimator, or 0 if it is unknown', unit='kg^2', minimum=0
+    )
     zero_variance: float = parameter(text='variance of the zero', unit='kg^2', minimum=0)
 
     def __post_init__(self) -> None:
@@ -64,7 +66,8 @@ def rise_parts_of(window: WeighWindow) -> int:
 def passage_of(window: WeighWindow, load: LoadEstimate, rise: int) -> PassParts | None:
     """Return the parts of the pass in a window, with `rise` parts from t1 to t2.
 
-    Returns None if the previous item was on the belt at t1, or the estimator found no load.
+    Returns None if the previous item was on the belt at t1, if the estimator found no positive
+    load, or if the signal does not cover all parts.
     """
     duration, alone = transit(window) / PARTS, seconds_alone(window)
     if not (load.mass > 0 and alone >= 0 and duration > 0):

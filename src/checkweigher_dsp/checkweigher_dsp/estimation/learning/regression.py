@@ -10,8 +10,8 @@ is the number of degrees of freedom. v is the mean variance of these deviations 
 a load of 1. Differences between the masses in a cluster add a multiple of s s' to C, which does not
 change the weights. R'R is only approximate if there are few items. So C also contains the noise N
 of the empty belt, white noise I, and the ringing P of a platform. The weights are computed for a
-grid of a, b and c, and averaged by the likelihood of held-out masses. [own derivation,
-docs/method.md]
+grid of a, b and c. Their average is weighted by the likelihoods of held-out masses. [own
+derivation, docs/method.md]
 """
 
 from collections.abc import Sequence
@@ -31,21 +31,24 @@ from checkweigher_dsp.signal.autoregression import pooled_autocovariance
 # Grid of a, b and c.
 _SHARES = tuple(product((0.03, 0.3, 3.0), (0.003, 0.03, 0.3), (0.0, 0.1, 1.0)))
 _PLAIN = (0.3, 0.03, 0.1)  # a, b and c for weights that do not depend on R
-_FEWEST = 15  # least number of degrees of freedom
-_ALONE = 0.05  # share of items that may have less empty belt before t1 than the weights use
-_APART = 0.02  # least distance between clusters as a share of the load
-_APART_STD_DEVS = 6.0  # least distance between clusters in standard deviations of the estimator
-# Largest ratio of the standard deviation of held-out masses to that of the chosen estimator, for
-# weights to be trusted. The second ratio is for products whose masses differ much, because the
-# ratio may then be small by chance.
+_FEWEST = 15  # smallest number of degrees of freedom
+_ALONE = 0.05  # fraction of items that may have less empty belt before t1 than the weights use
+_APART = 0.02  # smallest distance between clusters as a fraction of the load
+_APART_STD_DEVS = 6.0  # smallest distance between clusters in standard deviations of the estimator
+# Weights are trusted if the standard deviation of held-out masses, divided by that of the masses by
+# the selected estimator, is below `_GAIN`. If the masses of the products differ much, this ratio
+# may be small by chance, so it must then be below `_GAIN_OF_DIFFERENT`.
 _GAIN, _GAIN_OF_DIFFERENT = 0.95, 0.8
-_ALIKE = 0.8  # largest ratio of standard deviations for products of about the same mass
+# The masses of the products differ little if the standard deviation of the masses by the selected
+# estimator is below this multiple of the standard deviation of their differences from the masses by
+# plain weights. The true mass cancels in these differences.
+_ALIKE = 0.8
 _LEARNED = 5.0  # number of degrees of freedom that the weights and the grid use
 _PLATFORMS = np.geomspace(15.0, 60.0, 24)  # natural frequencies of platforms in Hz
 _DAMPING = 0.05  # damping ratio of platforms
 _FADING = 0.1  # decay time of ringing in s
-_ROUNDING = 1e-6  # largest error for a load of 1
-_LEAST_VARIANCE = 1e-18  # least variance in kg^2
+_ROUNDING = 1e-6  # largest error of the weighted sum for a load of 1
+_LEAST_VARIANCE = 1e-18  # smallest variance in kg^2
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,26 +61,32 @@ class Fit(Settings):
     kg^2.
     """
 
-    curve: Array = parameter(text='parts of a load of 1')
-    weights: Array = parameter(text='of the parts in the mass')
-    noise: Array = parameter(text='deviation of a part', unit='kg', minimum=0)
-    spectrum: Array = parameter(text='power', unit='kg^2', minimum=0)
-    variance: float = parameter(text='of masses that were held out', unit='kg^2', minimum=0)
-    variance_before: float = parameter(text='by the estimator', unit='kg^2', minimum=0)
-    zero_variance: float = parameter(text='mean, of the zero', unit='kg^2', minimum=0)
-    loads: tuple[float, float] = parameter(text='smallest and largest', unit='kg', minimum=0)
-    items: int = parameter(text='number of items that taught')
-    trusted: bool = parameter(text='whether its masses are better than those of the estimator')
+    curve: Array = parameter(text='parts of the signal of a load of 1')
+    weights: Array = parameter(text='weights of the parts in the mass')
+    noise: Array = parameter(text='standard deviation of each part', unit='kg', minimum=0)
+    spectrum: Array = parameter(text='power of the residuals', unit='kg^2', minimum=0)
+    variance: float = parameter(text='variance of held-out masses', unit='kg^2', minimum=0)
+    variance_before: float = parameter(
+        text='variance of the masses by the selected estimator', unit='kg^2', minimum=0
+    )
+    zero_variance: float = parameter(text='mean variance of the zero', unit='kg^2', minimum=0)
+    loads: tuple[float, float] = parameter(text='smallest and largest load', unit='kg', minimum=0)
+    items: int = parameter(text='number of items from which the weights were learned')
+    trusted: bool = parameter(
+        text='whether the learned weights are more precise than the selected estimator'
+    )
 
     def __post_init__(self) -> None:
         count = len(self.weights)
         lengths = [len(each) for each in (self.curve, self.noise, self.spectrum)]
         if count < PARTS or lengths != [count, count, count // 2 + 1]:
-            raise SettingsError(f'{count} weights do not fit to lists of {lengths}', 'weights')
+            raise SettingsError(
+                f'{count} weights do not match the lists, whose lengths are {lengths}', 'weights'
+            )
         mass = self.weights @ self.curve
         if abs(mass - 1) > _ROUNDING:
             raise SettingsError(
-                f'they weigh a load of 1 as {mass:g}: the file is damaged', 'weights'
+                f'their weighted sum of a load of 1 is {mass:g}: the file is damaged', 'weights'
             )
 
     @property
@@ -192,7 +201,7 @@ class _Items:
         return float(np.sqrt(np.square(errors) @ self._counts / self._freedom))
 
     def plain_weights(self) -> Array:
-        """Return the weights, (k,), that follow from the assumed noise without the items."""
+        """Return the weights, (k,), for the assumed noise alone, without R."""
         weights = np.linalg.solve(self._prior(_PLAIN), self.curve)
         return np.asarray(weights / (weights @ self.curve))
 
