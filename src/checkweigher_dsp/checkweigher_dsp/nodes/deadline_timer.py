@@ -10,10 +10,14 @@ from checkweigher_dsp.rejection.timing import StreamClock
 
 
 class DeadlineTimer:
-    """Timer for the next deadline, with a clock of arrivals and a clock of stamps, both in ns."""
+    """Timer for the next deadline, with a clock of arrivals and a clock of stamps, both in ns.
+
+    The clock of arrivals is the monotonic clock of the computer. The clock of stamps shows the time
+    in the stamps of the messages. If it is not `running`, no verdict becomes overdue.
+    """
 
     def __init__(self, node: PortNode, callback: Callable[[], None], *, running: bool) -> None:
-        self.clock = StreamClock(running=running)  # if it stands, no verdict becomes overdue
+        self.clock = StreamClock(running=running)
         self._timer = node.create_one_shot_timer(callback)
 
     @property
@@ -31,7 +35,10 @@ class DeadlineTimer:
         self.clock.saw(stamp, time.monotonic_ns())
 
     def set(self, due: int | None, stamp: int | None) -> None:
-        """Set the timer to the earlier of an arrival time and a stamp, or clear it without both."""
+        """Set the timer to the earlier of two times, or clear it if no time is known.
+
+        `due` is a time on the clock of arrivals, and `stamp` a time on the clock of stamps.
+        """
         times = [due if self.clock.running else None]
         if stamp is not None:
             times.append(self.clock.reaches(stamp, time.monotonic_ns()))

@@ -36,7 +36,7 @@ class DenoiseNode(StageNode[DenoiseParameters]):
         self._windows.send(denoised)
 
     def diagnose(self, now: float) -> list[Finding]:
-        """Return the finding on the computing time."""
+        """Return the finding on the computing time of the stage."""
         return [self._workload.finding(now)]
 
 

@@ -13,7 +13,7 @@ from checkweigher_core.state_files import make_folder, state_file, sync_folder
 
 _LINE = 100  # length of the first line, which identifies the run, in bytes
 _NUMBER = 21  # length of each other line, which contains a number, in bytes
-_KEPT = 'kept over runs'  # identity of the run in a file with a given path
+_KEPT = 'kept over runs'  # text instead of a run identity in a file with a path, valid in all runs
 
 
 class GivenNumbers:
@@ -21,8 +21,9 @@ class GivenNumbers:
 
     A run is one process of `run` or `ros2 launch`, which restarts its nodes. A restarted node
     continues the numbers. In the next run, the numbers begin at 1 unless a `path` is set. With a
-    path, an empty file with the suffix `.begun` shows that numbers were used. If they are lost, the
-    milliseconds since 1970 are used as the last number, because no line can have used more.
+    path, an empty file with the suffix `.begun` shows that numbers were used. If the file with the
+    numbers is then damaged or missing, the number of milliseconds since 1970 is used as the last
+    number, because no line can have weighed more items.
 
     `node` is the full name of the node, or empty if no numbers are stored. Without a `path`, the
     file is named after the node and its ROS `domain`. The file contains the `most` latest numbers.
@@ -75,9 +76,9 @@ class GivenNumbers:
         """Write a number before it is used.
 
         The number is stored even if the process is killed. The file does not grow, so that it can
-        be written on a full disk. Only the first number after a start and of each thousand is
-        synchronised with the disk. This suffices after a power failure, because the segmenter
-        continues at the next thousand.
+        be written on a full disk. Only the first number after a start and the first number of each
+        thousand are synchronised with the disk. This suffices after a power failure, because the
+        segmenter continues at the next thousand.
         """
         if self._file is None:
             return

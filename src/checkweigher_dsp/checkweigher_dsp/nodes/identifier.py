@@ -24,10 +24,10 @@ from checkweigher_dsp.nodes.learned_record import NONE, LearnedRecord
 
 
 class IdentifierNode(StageNode[IdentifierParameters]):
-    """Node that estimates the mass of each denoised window."""
+    """Node that estimates the mass of the item in each denoised window."""
 
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
-        # `destroy_node` needs the record, even if the parameters are refused.
+        # Create the record first, because `destroy_node` needs it even if a parameter is invalid.
         self._record = LearnedRecord(NONE)
         super().__init__(IdentifierParameters, overrides=overrides)
         self._estimates = self.held_output(ports.MASS_ESTIMATE, ports.VERDICT)
@@ -42,7 +42,7 @@ class IdentifierNode(StageNode[IdentifierParameters]):
         )
 
     def start(self) -> None:
-        """Begin to process windows, and record the state that an earlier process has learned."""
+        """Begin to process windows, and write the state of an earlier process to the audit log."""
         super().start()
         self._note_learned()
 
@@ -62,7 +62,7 @@ class IdentifierNode(StageNode[IdentifierParameters]):
             if self._record.trouble:
                 self.warn(self._record.trouble)
         self._identifier = Identifier(self.parameters, known, Failures(self.item_failed))
-        # Reset the statistics, because the usual values of two estimators cannot be compared.
+        # Reset the statistics, because those of different estimators cannot be compared.
         self._convergence = ConvergenceWatch()
 
     def _on_window(self, window: WeighWindow) -> None:
@@ -72,7 +72,7 @@ class IdentifierNode(StageNode[IdentifierParameters]):
         self._workload.add(began, now)
         self._estimates.send(estimate)
         self.count('weighed' if estimate.weighed else 'faults')
-        if not window.reasons:  # The segmenter has logged the reasons of other windows.
+        if not window.reasons:  # The segmenter has already logged the reasons in a window.
             self._convergence.add(now, estimate)
             for reason in estimate.reasons:
                 self.warn(f'item {estimate.item_id}: {reason}: {Reason(reason).hint}')
@@ -95,7 +95,7 @@ class IdentifierNode(StageNode[IdentifierParameters]):
         return response
 
     def _note_learned(self) -> None:
-        """Write the learned state to its file, and changes of its use to the audit log."""
+        """Write the learned state to its file, and to the audit log if its use has changed."""
         known = self._identifier.learned
         kept = tuple(part for each in known.kinds for part in (each.fit, each.change))
         if kept == self._kept:

@@ -23,8 +23,8 @@ class PermissionGiver:
 
     No message is sent while a callback of the process runs, so that a node that hangs does not give
     permission. `publishers` are the inputs that need a publisher, by the names ``eyes`` and ``load
-    cell``. `is_stopped` returns whether a stop is requested, and `deadlines` is whether the
-    permission expires.
+    cell``. `is_stopped` returns whether a stop is requested. If `deadlines` is false, only a stop
+    request withdraws the permission.
     """
 
     def __init__(
@@ -59,7 +59,8 @@ class PermissionGiver:
     def give(self) -> None:
         """Send the permission, or its withdrawal."""
         for stage, entry in self._stages.items():
-            if entry.makers:  # A stage of this process need not send signs of life.
+            # A stage in this process sends no signs of life. If it hangs, this timer hangs too.
+            if entry.makers:
                 self._add_sign(stage, None)
         present = {name: entry.count() > 0 for name, entry in self._publishers.items()}
         run = self.rule.may_run(present, time.monotonic_ns(), stopped=self._is_stopped())

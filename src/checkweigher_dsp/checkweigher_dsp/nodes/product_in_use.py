@@ -22,7 +22,7 @@ class ProductInUse:
         node.subscribe(ports.PRODUCT_ON_LINE, self._on_product)
 
     def use_parameters(self) -> None:
-        """Apply the limits in the parameters until the next product."""
+        """Apply the limits in the parameters, which are valid until the next product arrives."""
         if self._stage.product.stamp:
             self._stage.product = replace(self._stage.product, **limits_of(self._node.parameters))
         self.show()

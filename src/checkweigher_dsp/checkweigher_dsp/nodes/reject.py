@@ -37,15 +37,16 @@ from checkweigher_dsp.rejection.reject_stage import RejectStage
 class RejectNode(ManagedStageNode[RejectParameters]):
     """Node that publishes the verdict on each announced item in time for the rejector.
 
-    The node requests a stop of the line while it is not active. With `keep_numbers` or the
-    parameter `numbers`, it stores the numbers of items with a verdict in a file. The next process
-    of the node reads this file and the latched announcements, and gives the missing verdicts.
+    The segmenter announces an item by a message on the topic `items`. The node requests a stop of
+    the line while it is not active. With `keep_numbers` or the parameter `numbers`, it stores the
+    numbers of items with a verdict in a file. The next process of the node reads this file and the
+    latched announcements, and publishes the missing verdicts.
     """
 
     def __init__(
         self, overrides: dict[str, object] | None = None, *, keep_numbers: bool = False
     ) -> None:
-        # `destroy_node` needs the file, even if the parameters are refused.
+        # Set the file first, because `destroy_node` needs it even if a parameter is invalid.
         self._numbers = GivenNumbers()
         super().__init__(RejectParameters, overrides=overrides)
         if keep_numbers or self.parameters.numbers:
@@ -80,21 +81,21 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self.begin()
 
     def start(self) -> None:
-        """Activate the node if this is configured, otherwise request a stop."""
+        """Activate the node if ``autostart`` is true, otherwise request a stop."""
         super().start()
         self._product.show()
         if self.state == 'unconfigured':
             self._stops.show()
 
     def activate(self) -> None:
-        """Begin to give verdicts, and withdraw the stop request NotReady."""
+        """Begin to publish verdicts, and withdraw the stop request NotReady."""
         self._monitor.restart()
         self._stops.begin()
         self._verdicts.send(self._stage.judge_complete(self._timer.now))
         self._update()
 
     def deactivate(self) -> None:
-        """Request a stop, and give verdicts on the items on the line without further masses."""
+        """Request a stop, and publish the verdicts on all items without awaiting their masses."""
         was_active = self._stops.active
         self._stops.end()
         if was_active:
@@ -137,7 +138,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._go_on()
 
     def _on_record(self, record: Item | MassEstimate) -> None:
-        """Add an announcement, or an estimate if the node is active, and send due verdicts."""
+        """Add an announcement, or an estimate if the node is active, and publish due verdicts."""
         stage = self._stage
         if isinstance(record, MassEstimate):
             if not self._stops.active:
@@ -171,7 +172,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
             self._update()
 
     def _go_on(self) -> None:
-        """Send the verdicts that are due if the node is active."""
+        """Publish the verdicts that are due if the node is active."""
         if not self._stops.active:
             return
         unknown = self._stage.early.unknown
@@ -182,7 +183,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._update()
 
     def _tick(self) -> None:
-        """Send the verdicts that are due, and evaluate the eye behind the rejector."""
+        """Publish the verdicts that are due, and evaluate the eye behind the rejector."""
         self._go_on()
         stamp = self._timer.stamp
         if stamp is not None and (strays := self._monitor.advance(stamp)):
@@ -192,7 +193,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._update()
 
     def _update(self) -> None:
-        """Update stage, monitor and stop request from each other, and set the timer."""
+        """Pass changes between the stage, the monitor and the stop request, and set the timer."""
         stage, monitor = self._stage, self._monitor
         stage.foreign = bool(monitor.strangers)
         stamp = self._timer.stamp

@@ -42,7 +42,8 @@ _STATUS_INTERVAL = 0.2  # duration of the signal between two messages in s
 _STATUS_BLOCKS = 100  # largest number of blocks between two messages
 _ANSWER_PERIOD = 0.01  # interval between two checks of the connections in s
 _ZERO_PATIENCE = 15.0  # timeout in s of the service zero
-_STALL_TIME = 0.1  # timeout in s for samples, after which items are tracked by edges alone
+# Time in s without samples after which items are announced by their edges alone.
+_STALL_TIME = 0.1
 _END_PATIENCE = 2.0  # timeout in s for the missing records of a stream that has ended
 
 
@@ -52,7 +53,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
     def __init__(
         self, overrides: dict[str, object] | None = None, *, keep_numbers: bool = False
     ) -> None:
-        # `destroy_node` needs the file, even if the parameters are refused.
+        # Set the file first, because `destroy_node` needs it even if a parameter is invalid.
         self._numbers = GivenNumbers()
         super().__init__(SegmenterParameters, read_only=True, overrides=overrides)
         self._count = 0  # number of the last item of earlier streams
@@ -84,7 +85,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         self._end_timer = self.create_one_shot_timer(self._finish_incomplete)
         self._stall_timer = self.create_one_shot_timer(self._go_by_edges)
         self._zero_requests: list[Future] = []
-        # Give the service its own callback group, so that samples are processed while it waits.
+        # Give the service its own callback group, so that samples are processed during a request.
         self._zero_group = ReentrantCallbackGroup()
         self.create_service(Trigger, ports.ZERO, self._on_zero, callback_group=self._zero_group)
 
@@ -246,7 +247,8 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         """Publish the announcements of items, then the windows."""
         for item in segmenter.take_announced():
             if not item.complete:
-                self._numbers.give(item.item_id)  # The number is stored before it is published.
+                # Store the number first, so that a restarted node cannot use it again.
+                self._numbers.give(item.item_id)
             self._items.send(replace(item, stream=self._stream))
         for window in windows:
             self._windows.send(window)

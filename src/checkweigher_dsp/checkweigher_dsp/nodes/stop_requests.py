@@ -86,7 +86,7 @@ class StopRequests:
             self._node.warn(f'stop: {item}{request.reason}: {request.hint}')
 
     def add_status(self, status: StreamStatus) -> None:
-        """Add a status of the driver."""
+        """Request a stop if the status of the driver reports a problem."""
         failed = 'its source failed' if status.state == StreamState.FAILED else ''
         finished = status.state == StreamState.FINISHED
         self._monitor.trouble = '' if finished else status.text or failed
@@ -111,7 +111,7 @@ class StopRequests:
         self._update()
 
     def _reset(self, request: Any, response: Any) -> Any:
-        """Clear the stop request, unless one of its reasons persists."""
+        """Clear the stop request. If a reason for a stop persists, a stop is requested again."""
         cleared, shown = self._monitor.request, self._shown
         self._monitor.strangers = self.strangers.look()
         # Ignore the last message of a publisher that has ended.
@@ -126,7 +126,7 @@ class StopRequests:
         self.show()
         request = self.request
         if request is not None and request == shown:
-            # Send the request again, because the driver waits for a response to the reset.
+            # Send an unchanged request again, because the driver waits for one after a reset.
             self.output.send(request)
         response.success = request is None
         if request is not None:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Detection of strangers, which are other nodes that publish a topic of the line."""
+"""Detection of strangers, which are nodes that publish a topic of another node of the line."""
 
 from collections.abc import Iterable
 
@@ -18,8 +18,8 @@ _UNNAMED = '_NODE_NAME_UNKNOWN_'  # name of a publisher that DDS finds before it
 def strangers(publishers: Iterable[str], maker: str) -> list[str]:
     """Return the names of the nodes that publish a topic, apart from `maker`, its proper node.
 
-    A single name counts as the proper node. Several publishers of the same name are not strangers,
-    because DDS lists the publisher of a killed node until its lease ends.
+    If all publishers have the same name, there is no stranger. Several publishers of one name are
+    permitted, because DDS lists the publisher of a killed node until its lease ends.
     """
     names = set(publishers)
     return sorted(names - {maker}) if len(names) > 1 else []
@@ -37,7 +37,7 @@ class StrangerWatch:
         self.found = ''  # strangers of the last check with their topics, or empty
 
     def look(self) -> str:
-        """Return the strangers, from the publishers of all watched topics in the ROS graph."""
+        """Return the strangers among the publishers of all watched topics, with their topics."""
         topics: dict[str, list[str]] = {}
         for topic, maker in self._makers.items():
             if self._node.count_publishers(topic) < 2:  # Counting is faster than reading the names.
@@ -50,6 +50,6 @@ class StrangerWatch:
         return self.found
 
     def finding(self) -> Finding:
-        """Return the aspect Publishers."""
+        """Return the finding of the aspect Publishers, by the last call of `look`."""
         concern = error_if(bool(self.found), self.found, Reason.FOREIGN_PUBLISHER.hint)
         return conclude('Publishers', 'each topic of the line has one publisher', [concern])

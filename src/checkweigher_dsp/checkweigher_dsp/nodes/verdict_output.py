@@ -19,8 +19,9 @@ from checkweigher_dsp.rejection.items import PendingItems
 class VerdictOutput:
     """Output of the verdicts, with counters, log messages and findings.
 
-    The numbers of items with a verdict are stored in the file `numbers`, including those in
-    ``items.passed_over``. The function `sent` is called with each verdict after its publication.
+    The numbers of items with a verdict are stored in the file `numbers`. So are the numbers in
+    ``items.passed_over``, whose items have a verdict with another number. The function `sent` is
+    called with each verdict after its publication.
     """
 
     def __init__(
@@ -61,13 +62,13 @@ class VerdictOutput:
         self._sent(verdict)
 
     def _store_number(self, verdict: Verdict) -> None:
-        # A number that is stored after the publication could be used twice. A number that is stored
-        # while the output still holds the verdict would leave the item without a verdict if the
-        # process were killed.
+        # Store the number immediately before the publication, because the process may be killed. If
+        # the number were stored after the publication, the item might get two verdicts. If it were
+        # stored while the output still holds the verdict, the item might get no verdict.
         self._numbers.give(verdict.item_id)
 
     def findings(self, now: float) -> list[Finding]:
-        """Return the aspects Verdicts and Line."""
+        """Return the findings of the aspects Verdicts and Line."""
         node = self._node
         no_masses = node.diagnostics.connections.lacks_input(ports.MASS_ESTIMATE)
         margin, deadlines = node.parameters.verdict_margin, node.parameters.deadlines

@@ -93,7 +93,8 @@ class Weighing:
 class WeighingLine:
     """Line of the four stages, from samples and edges to verdicts.
 
-    The nodes call the same stages with the same values, so the masses are equal to the last bit.
+    The nodes call the same stages with the same values, so their masses are equal to the masses of
+    this line to the last bit.
     """
 
     def __init__(self, load_cell: LoadCell, parameters: LineParameters) -> None:
@@ -133,7 +134,8 @@ class WeighingLine:
         weighings = []
         for step in steps:
             if isinstance(step, Item):
-                self._reject_stage.take(step)  # This returns no verdict without a clock.
+                # Ignore the result, because without a clock an announcement causes no verdict.
+                self._reject_stage.take(step)
             else:
                 estimate = next(estimates)
                 verdicts = self._reject_stage.take(estimate)
