@@ -37,12 +37,12 @@ class BatchTally:
 
     @property
     def counts(self) -> dict[str, Any]:
-        """Counts by the names of the fields of `Verdict` and `ProductOnLine`."""
+        """Counts, with the names of their fields in `Verdict` and `ProductOnLine`."""
         return {f'batch_{name}': getattr(self, name) for name in _COUNTS}
 
     @property
     def key(self) -> tuple[str, str]:
-        """Names of product and batch."""
+        """Names of the product and the batch."""
         return self.product, self.batch
 
     def has_room(self, quota: float) -> bool:
@@ -85,7 +85,7 @@ class BatchRules:
 
 
 def broken_rules(mass: float, tally: BatchTally, product: ProductOnLine) -> tuple[str, ...]:
-    """Return the rules that an accepted item with a mass in kg would break."""
+    """Return the reasons of the rules that would be broken if an item of `mass` were accepted."""
     broken = []
     if _below_tu1(mass, product) and not tally.has_room(product.tu1_quota):
         broken.append(Reason.TU1_QUOTA.value)

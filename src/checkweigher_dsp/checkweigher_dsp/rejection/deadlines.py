@@ -11,19 +11,21 @@ from checkweigher_dsp.rejection.parameters import RejectParameters
 from checkweigher_dsp.rejection.timing import ArrivalClock
 
 _PATIENCE = NANOSECONDS // 10  # waiting time in ns for the mass of an item without a reject time
-_PATIENCE_GIVEN_UP = NANOSECONDS  # waiting time for the mass of a given-up item in ns
-# Waiting time for an announcement in ns, above the time after which stalled samples are ignored.
+_PATIENCE_GIVEN_UP = NANOSECONDS  # waiting time in ns for the mass of an item without t3
+# Waiting time in ns for an announcement after an outfeed edge. It is longer than the time after
+# which the segmenter announces items without their samples.
 _PATIENCE_UNTAKEN = 3 * NANOSECONDS // 10
-# Waiting time for the first announcement, or for the announcement of an estimated item, in ns.
+# Waiting time in ns for the first announcement, and for the announcement of an item whose estimate
+# has arrived.
 PATIENCE_UNHEARD = 5 * NANOSECONDS
 _MAX_EDGES = 1_000  # maximum number of stored edges
 
 
 class Deadlines:
-    """Deadlines of the verdicts on the clock of arrivals. All times are in ns.
+    """Deadlines of the verdicts on the clock of arrivals, a monotonic clock. All times are in ns.
 
-    The deadline of an item is computed from the arrival of its outfeed edge, without the delay of
-    the transmission.
+    The deadline of an item is computed from the time at which its outfeed edge would have arrived
+    without a transmission delay.
     """
 
     def __init__(self, parameters: RejectParameters) -> None:
@@ -39,7 +41,7 @@ class Deadlines:
         self._came: dict[int, int] = {}  # arrivals of the latest outfeed edges, by stamp
 
     def add_edge(self, edge: EyeEdge, now: int) -> int:
-        """Add an edge that arrived at `now`, and return its arrival time without the delay."""
+        """Add an edge that arrived at `now`, and return when it would have arrived undelayed."""
         came = self._arrivals.came(edge.stamp, now)
         if edge.eye == Eye.OUTFEED and edge.blocked:
             self._came[edge.stamp] = came
@@ -68,7 +70,7 @@ class Deadlines:
         pending.due = pending.late_from - self._head_start(t3, reject_at)
 
     def of_edge(self, edge: OutfeedEdge, speed: float) -> tuple[int, int | None]:
-        """Return the deadline and the reject time of an item that is known only by an outfeed edge.
+        """Return the deadline and the reject time of an item with only its outfeed edge known.
 
         `speed` is the belt speed of the item in m/s, or NaN. The reject time is None if it is
         unknown. After a start of the stage, the deadline is later, so that latched announcements
@@ -106,13 +108,13 @@ class Deadlines:
             return late_from is not None and now > late_from
         if late_from is None:
             late_from = self._arrivals.at(reject_at)
-        if late_from is None:  # No edge has arrived since the stage started.
+        if late_from is None:  # No edge has arrived in this stream.
             return reject_at < self.newest
         lead = reject_at - verdict.station_at if verdict.station_at else 0
         return now > late_from - lead
 
     def _head_start(self, t3: int, reject_at: int) -> int:
-        """Return the least time in ns between a verdict and its reject time."""
+        """Return the least time in ns by which a verdict must precede its reject time."""
         known = self.parameters
         travel = (reject_at - t3) / NANOSECONDS + known.actuator_delay
         speed = known.rejector_distance / travel if travel > 0 else math.nan

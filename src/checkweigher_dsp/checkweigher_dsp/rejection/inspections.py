@@ -68,7 +68,7 @@ class _Signal:
     """Reject by a device."""
 
     reject: ExternalReject
-    forget_at: int  # time in ns on the clock of arrivals after which the reject is missed
+    forget_at: int  # time in ns on the clock of arrivals at which the reject is given up as missed
     used: bool = False  # whether the reject was applied to an item
 
 
@@ -136,10 +136,10 @@ class Inspections:
             yield device, Span(begin - slack, end + slack)
 
     def heed(self, verdict: Verdict, passage: Passage | None, over: bool | None) -> Verdict:
-        """Return a verdict, as a FAULT with reasons if a device rejects or missed the item.
+        """Return a verdict, changed to a FAULT if a device rejected or did not inspect the item.
 
-        The mass is not changed. `over` is whether the answer times are over, or None without a
-        clock. If the `passage` is None, only rejects that name the item are applied.
+        The mass is not changed. `over` is whether the answer times of all devices are over, or None
+        without a clock. If the `passage` is None, only rejects that name the item are applied.
         """
         reasons = []
         for signal in self._signals:
@@ -171,7 +171,7 @@ class Inspections:
 
     @property
     def due(self) -> int | None:
-        """Time on the clock of arrivals at which the next reject is missed, or None."""
+        """Time on the clock of arrivals at which the next reject counts as missed, or None."""
         return min((signal.forget_at for signal in self._signals if not signal.used), default=None)
 
     def advance(self, now: int) -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from checkweigher_core.records import NUMBERS_AT_ONCE, Item, MassEstimate, Verdict
 
-MAX_JUDGED = 1_024  # maximum number of stored numbers, above the queue length of the topic items
+MAX_JUDGED = 1_024  # maximum number of stored numbers, more than the topic `items` can queue
 _MAX_OWN = 1_000  # maximum number of stored numbers of items without an announcement
 
 
@@ -27,15 +27,18 @@ class PendingItem:
 class PendingItems:
     """Announced items without a verdict, and the latest numbers of items with a verdict.
 
-    `judged` are the numbers of items with a verdict by an earlier process.
+    The segmenter announces an item by an `Item` record. `judged` are the numbers of items that
+    received their verdict from an earlier process.
     """
 
     def __init__(self, judged: Iterable[int] = ()) -> None:
         # Items without a verdict by number, in the order of their announcement.
         self.pending: dict[int, PendingItem] = {}
-        # Whether a verdict is by this process, by item number in the order of the verdicts.
+        # Numbers of items with a verdict, in the order of the verdicts. The value of each number is
+        # whether this process gave the verdict.
         self._judged = dict.fromkeys(sorted(judged)[-MAX_JUDGED:], False)
-        # Numbers of items whose verdict has another number. The caller empties the list.
+        # Numbers of items that received their verdict under another number. The caller empties the
+        # list.
         self.passed_over: list[int] = []
         self._forgotten = 0  # largest number with a verdict that is no longer stored
         # Numbers of items that no segmenter announced.
@@ -73,7 +76,7 @@ class PendingItems:
             self._forgotten = max(self._forgotten, forgotten)
 
     def pass_over(self, number: int) -> None:
-        """Remove an item whose verdict has another number, and store its number."""
+        """Remove an item that received its verdict under another number, and store its number."""
         self.judge(number)
         self.passed_over.append(number)
 
@@ -98,7 +101,7 @@ class PendingItems:
         return number in self._own
 
     def on_belt(self, before: int | None = None) -> list[PendingItem]:
-        """Return the items on the belt in the order of their numbers, which are below `before`."""
+        """Return the items on the belt in the order of their numbers, if given below `before`."""
         return [
             each
             for number, each in sorted(self.pending.items())
@@ -106,7 +109,7 @@ class PendingItems:
         ]
 
     def entered_before(self, stamp: int) -> PendingItem | None:
-        """Return the oldest item that was on the belt before a stamp in ns, or None."""
+        """Return the oldest item on the belt that entered before a stamp in ns, or None."""
         return next((each for each in self.on_belt() if (each.item.stamp or 0) < stamp), None)
 
 
@@ -122,7 +125,7 @@ class EarlyEstimates:
         self._waiting[estimate.item_id] = estimate, until
 
     def take(self, number: int) -> MassEstimate | None:
-        """Remove and return the estimate of an item, or return None without an estimate."""
+        """Remove and return the estimate of an item, or return None if none is waiting."""
         estimate, _ = self._waiting.pop(number, (None, None))
         return estimate
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Verdicts by the limits of the product."""
+"""Verdicts on masses according to the limits of the product."""
 
 from dataclasses import replace
 import math
@@ -20,7 +20,8 @@ def judge(estimate: MassEstimate, parameters: RejectParameters, product: Product
     An item that only the guard band rejects (JCGM 106:2012, 8.3) has the reason GuardBand.
     """
     reasons = estimate.reasons or tuple(why.value for why in objections(estimate, product))
-    if product.performance_test:  # Passes without a mass also count in the test.
+    # Add this reason even without a mass, because such a pass also counts in the test.
+    if product.performance_test:
         reasons = (Reason.PERFORMANCE_TEST.value, *reasons)
     low, high = product.lower_limit, product.upper_limit
     decision = Decision.FAULT if reasons else decide(estimate.mass, low, high)

@@ -25,7 +25,7 @@ from checkweigher_dsp.rejection.parameters import RejectParameters
 _REASONS = {reason.value: reason for reason in StopReason}
 
 _FAILED_IN_A_ROW = 2  # number of successive failures of a stage that stops the line
-_DRIFT_TIME = 600.0  # shortest time in s in which the zero drifts by the largest step
+_DRIFT_TIME = 600.0  # shortest time in s in which drift changes the zero by the largest step
 
 
 @dataclass(slots=True, eq=False)
@@ -104,7 +104,7 @@ class RejectMonitor:
             self.stop(StopReason.ZERO_STEP, estimate.item_id, text=self.zero_step)
 
     def add_zero_change(self, change: ZeroChange) -> None:
-        """Add a zero that was set on request, whose step is no reason to stop."""
+        """Store a zero that was set on request, so that its step does not stop the line."""
         self.zero_step = ''
         self._zero = change.zero, change.stamp
 
@@ -137,7 +137,7 @@ class RejectMonitor:
         self.request = self.request or StopRequest(reason, item_id, stamp, text)
 
     def advance(self, now: int) -> int:
-        """Evaluate edges and items up to `now` in ns. Returns the number of edges of no item."""
+        """Evaluate edges and items up to `now` in ns, and return the number of unassigned edges."""
         window = self._window
         near = [self._settle(stamp) for stamp in self._edges if stamp + window < now]
         self._edges = [stamp for stamp in self._edges if stamp + window >= now]
@@ -178,5 +178,5 @@ def _forbids(test: PerformanceTest, now: int) -> bool:
 
 
 def _counted_on(count: int, again: bool) -> int:
-    """Return a count of successive events, which is increased by one or reset to 0."""
+    """Return a count of successive events, increased by 1 if it happened `again`, otherwise 0."""
     return count + 1 if again else 0

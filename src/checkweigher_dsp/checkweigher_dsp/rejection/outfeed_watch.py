@@ -66,7 +66,8 @@ class OutfeedWatch:
     def take_to(self, stamp: int, count: int) -> None:
         """Remove the last `count` edges up to a stamp, because the segmenter has processed them."""
         first = -math.inf
-        if 0 < count < len(self._stamps):  # only if the segmenter was started later
+        # If the segmenter was started after the first edges, it has not processed these edges.
+        if 0 < count < len(self._stamps):
             known = sorted(each for each in self._stamps if each <= stamp)
             first = known[-count] if count < len(known) else first
         self._taken = first, stamp

@@ -22,7 +22,7 @@ _speed = partial(parameter, unit='m/s', minimum=0)
 
 @dataclass(frozen=True)
 class RejectParameters(Parameters):
-    """Parameters of the reject stage: limits before a product, rejector, devices and stations."""
+    """Parameters of the reject stage: limits without a product, rejector, devices, stations."""
 
     node: ClassVar[str] = 'reject'
 
@@ -37,15 +37,17 @@ class RejectParameters(Parameters):
     )
     actuator_delay: float = _delay(0.0, 'time from the signal to the rejector until it acts')
     verdict_margin: float = _delay(
-        0.05, 'time by which a verdict precedes the reject time of its item'
+        0.05, 'shortest time between a verdict and the reject time of its item'
     )
     deadlines: bool = parameter(
         True,
-        'whether an item without a mass in time is a FAULT (NoEstimate); false: wait for each mass',
+        'whether an item whose mass does not arrive in time is a FAULT (NoEstimate); false: the '
+        'verdict waits for the mass without a limit',
     )
     confirmation_time: float = _delay(
         0.0,
-        'largest time between the reject time and an edge of reject_eye; 0: no such eye',
+        'largest time between the reject time of an item and the edge of reject_eye that confirms '
+        'its reject; 0: there is no such eye',
         maximum=60,
     )
     max_rejects_in_a_row: int = parameter(
@@ -56,51 +58,64 @@ class RejectParameters(Parameters):
     )
     max_zero_step: float = _mass(
         0.02,
-        'largest change of the zero between two items, and at most the tolerance of the product; '
-        'a larger one stops the line until the zero is set; 0: not checked',
+        'largest sudden change of the zero between two items; a larger one stops the line until '
+        'the zero is set; the tolerance of the product applies instead if it is smaller; 0: not '
+        'checked',
     )
     autostart: bool = parameter(
-        True, 'whether the node activates itself at its start; false: a lifecycle manager does'
+        True,
+        'whether the node activates itself at its start; false: a lifecycle manager activates it',
     )
     min_length: float = _length(
-        0.0, 'smallest length of a product; a shorter one is ProductTooShort; 0: no limit'
+        0.0,
+        'smallest length of a product; a shorter item is a FAULT (ProductTooShort); 0: no limit',
     )
     max_length: float = _length(
-        math.inf, 'largest length of a product; a longer one is ProductTooLong; .inf: no limit'
+        math.inf,
+        'largest length of a product; a longer item is a FAULT (ProductTooLong); .inf: no limit',
     )
     min_speed: float = _speed(
-        0.0, 'lowest belt speed for the product; a lower one is BeltSpeed; 0: no limit'
+        0.0,
+        'lowest belt speed for the product; an item at a lower speed is a FAULT (BeltSpeed); 0: no '
+        'limit',
     )
     max_speed: float = _speed(
-        math.inf, 'highest belt speed for the product; a higher one is BeltSpeed; .inf: no limit'
+        math.inf,
+        'highest belt speed for the product; an item at a higher speed is a FAULT (BeltSpeed); '
+        '.inf: no limit',
     )
     nominal: float = _mass(
         0.0, 'nominal weight plus tare, the reference of batch_surplus in verdicts; 0: none'
     )
     tu1: float = _mass(
-        0.0, 'TU1 of 76/211/EEC plus tare; tu1_quota limits the share of lighter items; 0: none'
+        0.0,
+        'tolerance limit TU1 of 76/211/EEC plus tare; tu1_quota limits the share of lighter items; '
+        '0: none',
     )
     tu1_quota: float = parameter(
         0.025,
-        'largest share of items below tu1 among the accepted items of a batch; more are TU1Quota',
+        'largest share of items below tu1 among the accepted items of a batch; an item that would '
+        'exceed it is UNDER (TU1Quota)',
         minimum=0,
         maximum=1,
     )
     mean_value: bool = parameter(
         False,
         'whether an item below nominal is accepted only if the mean of the accepted items of the '
-        'batch stays at or above nominal; otherwise it is MeanValueRequirement',
+        'batch stays at or above nominal; otherwise the item is UNDER (MeanValueRequirement)',
     )
     guard_risk: float = parameter(
         0.0,
-        'largest probability that an item outside the limits is accepted, by which its stated '
-        'deviation narrows them (JCGM 106); an item that only this rejects is GuardBand; 0: limits '
-        'as they are',
+        'largest probability with which an item outside the limits is accepted (JCGM 106); each '
+        'limit is moved inwards by a multiple of the standard deviation of the mass; an item that '
+        'is rejected only therefore has the reason GuardBand; 0: the limits are not moved',
         minimum=0,
         maximum=0.5,
     )
     inspections: str = parameter(
-        '', 'inspection devices whose answers a verdict waits for, such as "metal xray vision"'
+        '',
+        'names of the inspection devices for whose answers a verdict waits, separated by spaces, '
+        'such as "metal xray vision"',
     )
     inspection_distances: tuple[float, ...] = _length(
         (),
@@ -110,16 +125,17 @@ class RejectParameters(Parameters):
     )
     inspection_times: tuple[float, ...] = _delay(
         (),
-        'longest time from the passage of an item until the answer of each device arrives',
+        'longest time from the passage of an item at each device until its answer arrives',
         maximum=60,
     )
     inspection_tolerance: float = _delay(
-        0.02, 'largest error of the time of an answer; an answer that fits two items rejects both'
+        0.02,
+        'largest error of the time stamp of an answer; an answer that fits two items rejects both',
     )
     stations: str = parameter(
         '',
-        'what each further reject station or sorting zone removes, separated by semicolons: '
-        'decisions, reasons, or a range of accepted masses in kg, such as '
+        'items that each additional reject station or sorting zone removes, separated by '
+        'semicolons: decisions, reasons, or a range of accepted masses in kg, such as '
         '"MetalDetected; UNDER; 0.150..0.155"',
     )
     station_distances: tuple[float, ...] = _length(
@@ -134,7 +150,8 @@ class RejectParameters(Parameters):
     )
     numbers: str = parameter(
         '',
-        'file for the numbers of the items with a verdict, which the next start reads',
+        'file that keeps the numbers of items with a verdict for the next start of the line; '
+        'empty: the next start has no such numbers',
     )
 
     def __post_init__(self) -> None:
@@ -236,7 +253,7 @@ LIMITS = tuple(
 
 
 def limit_text(limit: float) -> str:
-    """Return the text for a limit in kg, in g, or 'none' for an infinite one."""
+    """Return a limit in kg as a text in g, or 'none' if it is infinite."""
     return f'{GRAMS * limit:g} g' if math.isfinite(limit) else 'none'
 
 

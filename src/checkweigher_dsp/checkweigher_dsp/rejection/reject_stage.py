@@ -25,15 +25,16 @@ class RejectStage:
     """Stage that gives one verdict on each item. An item without a mass in time is a FAULT.
 
     Announcements, edges and estimates may arrive in any order, because an estimate waits for the
-    announcement of its item. The argument `now` of the methods is the time of arrival in ns of a
-    monotonic clock. The deadline of an item is computed from the arrival of its outfeed edge,
-    without the delay of the transmission. Without `now`, no item has a deadline, and the verdicts
-    depend only on time stamps.
+    announcement of its item. The argument `now` of the methods is the time of arrival in ns on a
+    monotonic clock. The deadline of an item is computed from the time at which its outfeed edge
+    would have arrived without a transmission delay. Without `now`, no item has a deadline, and the
+    verdicts depend only on time stamps.
 
-    An item that leaves while the segmenter is delayed or has ended becomes a FAULT at its deadline.
-    It is the oldest announced item on the belt, or an item with the next free number.
+    If an item leaves while the segmenter is delayed or has ended, the oldest announced item on the
+    belt becomes a FAULT at the deadline. If no announced item is on the belt, the FAULT has the
+    next free item number.
 
-    `judged` are the numbers of items with a verdict by an earlier process.
+    `judged` are the numbers of items that received their verdict from an earlier process.
     """
 
     def __init__(
@@ -47,9 +48,9 @@ class RejectStage:
         self.inspections = Inspections(parameters)
         self.items = PendingItems(judged)
         self.early = EarlyEstimates()
-        # Numbers of estimates and announcements that were repeated or arrived after the verdict.
+        # Counts of estimates and announcements that were repeated or arrived after the verdict.
         self.late_estimates = self.late_items = 0
-        # Whether other nodes may have sent edges and estimates. Each verdict is then a FAULT.
+        # Whether a foreign node may have sent edges or estimates. Each verdict is then a FAULT.
         self.foreign = False
         # Whether an item has left for which no number is free, or whose number was used before.
         # The caller must stop the line and clear the flag.
@@ -123,9 +124,9 @@ class RejectStage:
     def _judge_lost(self, leaving: PendingItem, now: int | None) -> list[Verdict]:
         """Return the verdicts on lost items, which were on the belt ahead of a leaving item.
 
-        Items leave in the order of their entry. So the segmenter has lost an earlier item that is
-        still on the belt, by a restart. If the entry of the leaving item is unknown, it is the
-        oldest lost item.
+        Items leave in the order of their entry. So if an earlier item still seems to be on the
+        belt, the segmenter has lost it by a restart. If the entry of the leaving item is unknown,
+        the leaving item is the oldest lost item.
         """
         if leaving.item.t3 is None or now is None:
             return []

@@ -61,7 +61,7 @@ class ArrivalClock:
         self._newest: tuple[int, int] | None = None
 
     def came(self, stamp: int, now: int) -> int:
-        """Return the arrival time without a delay of an edge that arrived at `now`."""
+        """Return when an edge that arrived at `now` would have arrived without a delay."""
         lag = now - stamp
         if self._newest is None or stamp < self._newest[0] - RESTART:
             self._least = lag
@@ -71,5 +71,5 @@ class ArrivalClock:
         return stamp + self._least
 
     def at(self, stamp: int) -> int | None:
-        """Return the arrival time of `stamp` without a delay, or None before the first edge."""
+        """Return when an edge with this stamp arrives without a delay, or None before any edge."""
         return None if self._newest is None else stamp + self._least
