@@ -60,9 +60,10 @@ class _OwnParameters(Parameters):
 
 
 def _with_sets(base: Any, estimators: Mapping[str, type[Estimator]]) -> Any:
-    """Return a subclass of a parameter set that also has the parameters of estimators.
+    """Return a subclass of a parameter class, with one more field for each of the estimators.
 
-    The type is Any, because a type checker does not see these fields.
+    Each field contains the parameters of an estimator. The type of the subclass is Any, because a
+    type checker does not see these fields.
     """
     sets = [
         (name, type(each.parameters), field(default=each.parameters))
@@ -176,7 +177,7 @@ class Identifier:
     def _weigh(self, window: WeighWindow, load: LoadEstimate | MassEstimate) -> MassEstimate:
         """Return the mass of a window, with the learned weights if they are trusted."""
         if isinstance(load, MassEstimate):
-            return load  # This is already an estimate without a mass.
+            return load  # The window was refused, so this is an estimate without a mass.
         estimate = self._estimate(window, load)
         if not estimate.reasons and not is_plausible(window):
             return self._record(window, (Reason.BAD_SIGNAL.value,), zero=estimate.zero)
@@ -255,7 +256,7 @@ class Identifier:
         If the variance of the load was measured on items, it is only multiplied by the squared
         gain. Without training, the variances of load and zero are added. After training, the
         variance of the training passes is used, which includes the variance of their zero. If the
-        variance of the current zero is larger than that of their zero, the difference is added.
+        zero has a larger variance now than in the training, the difference is added.
         """
         known, speed = self._known, window.belt_speed
         zero_std_dev = window.zero_std_dev / window.counts_per_kg

@@ -35,19 +35,19 @@ from checkweigher_core.records import WeighWindow
 from checkweigher_dsp.denoising.window_batch import time_since_entry
 from checkweigher_dsp.signal import Array
 
-# The filter is a seventh difference, equalised above a quarter of the sample rate. It reduces an
-# oscillation at 1/20 of the sample rate, at which a platform may ring, to 4e-5.
+# The filter is a seventh difference, equalised above a quarter of the sample rate. At 1/20 of the
+# sample rate, where a platform may ring, it multiplies the amplitude of an oscillation by 4e-5.
 _FILTER: NDArray[np.int64] = reduce(np.convolve, [np.array([1, -1])] * 7 + [np.array([5, 2])] * 3)
 _EDGE = len(_FILTER) - 1  # number of samples by which the filter shortens a signal
 _GAIN = math.sqrt(_FILTER @ _FILTER)
-_STEP_GAIN = float(np.max(np.abs(np.cumsum(_FILTER)))) / _GAIN  # largest e after a step of 1
+_STEP_GAIN = float(np.max(np.abs(np.cumsum(_FILTER)))) / _GAIN  # largest e after a step of 1.
 # Largest e after a change of the slope by 1 per sample.
 _SLOPE_GAIN = float(np.max(np.abs(np.cumsum(np.cumsum(_FILTER))))) / _GAIN
 _QUARTILE = 0.3186  # first quartile of the absolute value of a standard normal variable
 _ROUNDING = 1 / 12  # variance of the rounding error in counts^2
 _FEWEST = 24  # smallest number of samples of e on the empty belt from which noise is measured
 _CHANCE = 1e-5  # largest fraction of valid windows that a rule rejects by chance
-_CALM = -4.26  # standard normal deviate that is not exceeded with the probability `_CHANCE`
+_CALM = -4.26  # standard normal deviate that is not exceeded with the probability `_CHANCE`.
 # Samples of e on the empty belt are clipped to this many standard deviations, so that single
 # outliers do not increase their variance.
 _OUTLIER = 3.0

@@ -104,7 +104,7 @@ class GivenNumbers:
 
 
 def open_numbers(node: PortNode, path: str, most: int = 1) -> GivenNumbers:
-    """Return the file with the numbers of a node. The node logs any trouble as a warning."""
+    """Return the file with the numbers of a node. The node logs a problem as a warning."""
     name, domain = node.get_fully_qualified_name(), node.context.get_domain_id()
     numbers = GivenNumbers(name, domain, path, most)
     if numbers.trouble:

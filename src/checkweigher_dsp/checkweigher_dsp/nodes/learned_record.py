@@ -24,7 +24,7 @@ class LearnedRecord:
     def __init__(self, wanted: str, node: str = '') -> None:
         self.trouble = ''  # reason why the file cannot be used, or empty
         self._path: Path | None = None
-        # Write the file in a thread, so that no item waits for the disk.
+        # Write the file in a thread, so that the processing of items does not wait for the disk.
         self._writer = ThreadPoolExecutor(1, 'learned record')
         try:
             if wanted != NONE:

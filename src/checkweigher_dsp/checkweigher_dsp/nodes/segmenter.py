@@ -35,13 +35,13 @@ from checkweigher_dsp.nodes.given_numbers import GivenNumbers, open_numbers
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
 
-_MAX_EARLY = 1_000  # maximum number of blocks and edges that wait for load_cell/info
+_MAX_EARLY = 1_000  # maximum number of blocks and edges that wait for load_cell/info.
 # The status is sent with the samples instead of by a timer, because a replay waits for it, and the
 # permission to run the line must expire without samples.
 _STATUS_INTERVAL = 0.2  # duration of the signal between two messages in s
 _STATUS_BLOCKS = 100  # largest number of blocks between two messages
 _ANSWER_PERIOD = 0.01  # interval between two checks of the connections in s
-_ZERO_PATIENCE = 15.0  # timeout in s of the service zero
+_ZERO_PATIENCE = 15.0  # timeout in s of the service zero.
 # Time in s without samples after which items are announced by their edges alone.
 _STALL_TIME = 0.1
 _END_PATIENCE = 2.0  # timeout in s for the missing records of a stream that has ended

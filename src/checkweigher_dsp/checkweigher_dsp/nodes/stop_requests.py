@@ -126,7 +126,7 @@ class StopRequests:
         self.show()
         request = self.request
         if request is not None and request == shown:
-            # Send an unchanged request again, because the driver waits for one after a reset.
+            # Send an unchanged request again, because the driver waits for a request after a reset.
             self.output.send(request)
         response.success = request is None
         if request is not None:

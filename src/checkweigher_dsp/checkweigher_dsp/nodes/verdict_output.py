@@ -19,9 +19,9 @@ from checkweigher_dsp.rejection.items import PendingItems
 class VerdictOutput:
     """Output of the verdicts, with counters, log messages and findings.
 
-    The numbers of items with a verdict are stored in the file `numbers`. So are the numbers in
-    ``items.passed_over``, whose items have a verdict with another number. The function `sent` is
-    called with each verdict after its publication.
+    The numbers of items with a verdict are stored in the file `numbers`. The file also contains the
+    numbers of ``items.passed_over``, whose items received their verdict under another number. The
+    function `sent` is called with each verdict after its publication.
     """
 
     def __init__(

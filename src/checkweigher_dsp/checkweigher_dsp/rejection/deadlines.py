@@ -11,7 +11,7 @@ from checkweigher_dsp.rejection.parameters import RejectParameters
 from checkweigher_dsp.rejection.timing import ArrivalClock
 
 _PATIENCE = NANOSECONDS // 10  # waiting time in ns for the mass of an item without a reject time
-_PATIENCE_GIVEN_UP = NANOSECONDS  # waiting time in ns for the mass of an item without t3
+_PATIENCE_GIVEN_UP = NANOSECONDS  # waiting time in ns for the mass of an item without t3.
 # Waiting time in ns for an announcement after an outfeed edge. It is longer than the time after
 # which the segmenter announces items without their samples.
 _PATIENCE_UNTAKEN = 3 * NANOSECONDS // 10
@@ -29,16 +29,16 @@ class Deadlines:
     """
 
     def __init__(self, parameters: RejectParameters) -> None:
-        self.parameters = parameters  # may be replaced at any time
+        self.parameters = parameters  # parameters, which may be replaced at any time
         self._line_speed = math.nan  # belt speed of the last item in m/s
-        self._heard: int | None = None  # arrival of the first announcement
+        self._heard: int | None = None  # arrival time of the first announcement
         self.restart()
 
     def restart(self) -> None:
         """Begin a new stream, in which stamps may be repeated."""
         self.newest = 0  # stamp of the newest samples that the segmenter has processed
         self._arrivals = ArrivalClock()
-        self._came: dict[int, int] = {}  # arrivals of the latest outfeed edges, by stamp
+        self._came: dict[int, int] = {}  # arrival times of the latest outfeed edges, by stamp
 
     def add_edge(self, edge: EyeEdge, now: int) -> int:
         """Add an edge that arrived at `now`, and return when it would have arrived undelayed."""
@@ -89,8 +89,8 @@ class Deadlines:
     def await_devices(self, pending: PendingItem, over: int | None, now: int | None) -> bool:
         """Set the deadline of a verdict that waits for inspection devices.
 
-        All devices have answered at the stamp `over`. Returns whether the verdict waits. It does
-        not wait beyond the deadline of the item.
+        `over` is the stamp at which all devices have answered. Returns whether the verdict waits.
+        It does not wait beyond the deadline of the item.
         """
         ready = None if over is None else self._arrivals.at(over)
         if now is None or ready is None or ready <= now:

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Rejects by other inspection devices of the line, such as a metal detector, X-ray or vision.
 
-A device is at a distance before or behind the infeed eye. It answers for an item within its answer
-time after the item has passed. The verdict on an item waits until the answer times of all devices
-are over, so that it does not change later. An item that a device rejects is a FAULT with a reason
-for the device. An item is a FAULT with the reason NotInspected if the rejector cannot wait so long,
-or if a device was not running.
+The devices are installed at known distances before or behind the infeed eye. A device answers for
+an item within its answer time after the item has passed the device. The verdict on an item waits
+until the answer times of all devices are over, so that it does not change later. An item that a
+device rejects is a FAULT with a reason for the device. An item is a FAULT with the reason
+NotInspected if its verdict is due before the answer times are over, or if a device was not running.
 """
 
 from collections import deque
@@ -34,8 +34,9 @@ _REASONS = {
 _MAX_SIGNALS = 1_000  # maximum number of rejects that wait for their items
 _MAX_JUDGED = 400  # maximum number of stored verdicts
 _MAX_OUTAGES = 100  # maximum number of stored outages
-_NAMED_PATIENCE = NANOSECONDS  # waiting time in ns of a reject that names its item
-_SLOWEST_BELT = 0.1  # lowest belt speed in m/s for which rejects without a number wait long enough
+_NAMED_PATIENCE = NANOSECONDS  # waiting time in ns of a reject that names its item.
+# Lowest belt speed in m/s at which rejects without an item number wait long enough for their items.
+_SLOWEST_BELT = 0.1
 _LATENESS = 2 * NANOSECONDS  # largest delay of an edge behind the samples in ns
 _EVER = 2**62  # time in ns beyond any stamp
 
@@ -76,25 +77,25 @@ class Inspections:
     """Assignment of the rejects of inspection devices to items. Stamps and times are in ns."""
 
     def __init__(self, parameters: RejectParameters) -> None:
-        self.parameters = parameters  # may be replaced at any time
+        self.parameters = parameters  # may be replaced at any time.
         # Stop request for the first reject that was not applied. The caller removes the request.
         self.missed: StopRequest | None = None
         self._signals: deque[_Signal] = deque(maxlen=_MAX_SIGNALS)
         # Latest verdicts of this stream, which are final, with the passages of the items.
         self.judged: deque[tuple[Verdict, Passage | None]] = deque(maxlen=_MAX_JUDGED)
-        # Periods in which not all devices ran. The devices count as not running before the first
-        # report. The last period may not have ended.
+        # Periods in which at least one device did not run. Before the first report, the devices
+        # count as not running. The last period may not have ended.
         self._outages = deque([Span(-_EVER, _EVER)], maxlen=_MAX_OUTAGES)
 
     def look(self, conditions: MachineConditions, stamp: int, *, heard: bool) -> None:
-        """Set whether all devices run at `stamp`; `heard` is whether a node publishes rejects."""
+        """Store whether all devices run at `stamp`; `heard` is whether a node publishes rejects."""
         fault = StopReason.INSPECTION_FAULT in conditions.conditions
         running = conditions.known and not fault and heard
         # Date an outage back, because it may have begun before the latest edges arrived.
         self.set_running(running, stamp if running else stamp - _LATENESS)
 
     def set_running(self, running: bool, stamp: int) -> None:
-        """Set whether all devices are running from `stamp` on."""
+        """Store whether all devices are running from `stamp` on."""
         last = self._outages[-1]
         if running and last.end == _EVER:
             self._outages[-1] = Span(last.begin, stamp)

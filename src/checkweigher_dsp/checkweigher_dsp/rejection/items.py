@@ -21,7 +21,7 @@ class PendingItem:
     due: int | None = None  # deadline of the verdict
     late_from: int | None = None  # time after which the verdict is late
     ready: int | None = None  # time at which all inspection devices have answered
-    by_mass: Verdict | None = None  # verdict by the mass, which waits for the devices
+    by_mass: Verdict | None = None  # verdict on the mass, which waits for the inspection devices
 
 
 class PendingItems:
@@ -40,7 +40,7 @@ class PendingItems:
         # Numbers of items that received their verdict under another number. The caller empties the
         # list.
         self.passed_over: list[int] = []
-        self._forgotten = 0  # largest number with a verdict that is no longer stored
+        self._forgotten = 0  # largest number with a verdict that is no longer stored.
         # Numbers of items that no segmenter announced.
         self._own: deque[int] = deque(maxlen=_MAX_OWN)
         self.largest = max(self._judged, default=0)  # largest number so far
@@ -101,7 +101,7 @@ class PendingItems:
         return number in self._own
 
     def on_belt(self, before: int | None = None) -> list[PendingItem]:
-        """Return the items on the belt in the order of their numbers, if given below `before`."""
+        """Return the items on the belt by number, only those below `before` unless it is None."""
         return [
             each
             for number, each in sorted(self.pending.items())

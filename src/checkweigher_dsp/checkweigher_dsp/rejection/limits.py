@@ -9,7 +9,8 @@ from checkweigher_core.records import Decision, Item, MassEstimate, ProductOnLin
 from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.rejection.parameters import RejectParameters
 
-_NOISE = 1e-3  # largest plausible standard deviation in kg of masses below this value
+# A standard deviation is plausible up to the mass, or up to this value in kg if it is larger.
+_NOISE = 1e-3
 
 
 def judge(estimate: MassEstimate, parameters: RejectParameters, product: ProductOnLine) -> Verdict:
@@ -60,7 +61,7 @@ def without_estimate(item: Item, reject_at: int | None, product: ProductOnLine) 
 
 
 def refused(verdict: Verdict) -> Verdict:
-    """Return a verdict as a FAULT without a mass, because a foreign node may have sent its data."""
+    """Return a verdict, changed to a FAULT without a mass because of foreign publishers."""
     reasons = tuple(dict.fromkeys((Reason.FOREIGN_PUBLISHER.value, *verdict.reasons)))
     return replace(
         verdict, decision=Decision.FAULT, reasons=reasons, mass=math.nan, std_dev=math.nan

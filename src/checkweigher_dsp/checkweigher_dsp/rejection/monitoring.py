@@ -159,7 +159,10 @@ class RejectMonitor:
         return round(NANOSECONDS * self.parameters.confirmation_time)
 
     def _settle(self, stamp: int) -> bool:
-        """Assign an edge to the item with the nearest reject time. Returns whether it is near."""
+        """Assign an edge to the item with the nearest reject time.
+
+        Returns False if no reject time is within ``confirmation_time`` of the edge.
+        """
         nearest = min(self._expected, key=lambda i: abs(i.reject_at - stamp), default=None)
         if nearest is None or abs(nearest.reject_at - stamp) > self._window:
             return False

@@ -35,7 +35,7 @@ class OutfeedWatch:
         """Begin a new stream, in which the segmenter has not processed any edge."""
         self._taken: tuple[float, float] = (math.inf, -math.inf)
         self._clear_since = -math.inf
-        self._stamps: deque[int] = deque(maxlen=4 * _MOST)  # stamps of all edges
+        self._stamps: deque[int] = deque(maxlen=4 * _MOST)  # stamps of all edges.
         # Times t1 and t3 of items with a verdict before their announcement.
         self._judged: deque[tuple[int | None, int]] = deque(maxlen=_MOST)
 
@@ -74,7 +74,7 @@ class OutfeedWatch:
         self.open = [each for each in self.open if not self._is_taken(each.stamp)]
 
     def remove(self, stamp: int) -> None:
-        """Remove the edge with a stamp."""
+        """Remove the edge with the given stamp."""
         self.open = [each for each in self.open if each.stamp != stamp]
 
     def judge(self, t1: int | None, t3: int) -> None:

@@ -28,7 +28,7 @@ class PermissionRule:
     def __init__(self, fresh_time: float, stages: Iterable[str] = (), *, deadlines: bool) -> None:
         self.deadlines = deadlines
         self._fresh_time = round(NANOSECONDS * fresh_time)
-        self._progress = (0, 0)  # stream and number of processed samples
+        self._progress = (0, 0)  # stream and number of processed samples.
         # Times of the latest signs of life in ns.
         self._signs: dict[str, int | None] = dict.fromkeys((*stages, _SAMPLES))
         self._missing: tuple[str, ...] = ()

@@ -188,7 +188,7 @@ class RejectStage:
         return verdicts
 
     def _deadline(self, edge: OutfeedEdge) -> tuple[int, int | None]:
-        """Return the deadline and the reject time of the item of an outfeed edge in ns."""
+        """Return the deadline and the reject time, in ns, of the item at an outfeed edge."""
         oldest = self.items.entered_before(edge.stamp)
         t1 = None if oldest is None else oldest.item.t1
         return self._deadlines.of_edge(edge, belt_speed(t1, edge.stamp, self.weigh_length))
@@ -209,7 +209,7 @@ class RejectStage:
         return [self._give(each, now) for each in list(self.items.pending.values())]
 
     def _give(self, pending: PendingItem, now: int | None) -> Verdict:
-        """Return the final verdict on an item, with inspections, batch rules and station."""
+        """Return the final verdict on an item, after inspections, batch rules and routing."""
         item = pending.item
         self.items.judge(item.item_id)
         verdict = pending.by_mass or without_estimate(item, pending.reject_at, self.product)

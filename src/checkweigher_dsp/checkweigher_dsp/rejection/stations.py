@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Stations of a line in addition to the rejector, which reject or sort items.
+"""Stations that reject or sort items, in addition to the rejector of the line.
 
 A station removes rejected items with one of its decisions or reasons, and accepted items in one of
 its mass ranges in kg, such as ``0.150..0.155``. An item goes to the first station that removes it.

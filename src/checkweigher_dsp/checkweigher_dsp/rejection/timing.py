@@ -6,7 +6,7 @@ import math
 
 from checkweigher_core.records import NANOSECONDS
 
-_DRIFT = 500e-6  # largest relative drift between two clocks
+_DRIFT = 500e-6  # largest relative drift between two clocks.
 # A stamp more than this time in ns before the newest stamp belongs to a new stream.
 RESTART = 2 * NANOSECONDS
 
@@ -19,7 +19,7 @@ def belt_speed(t1: int | None, t3: int | None, length: float | None) -> float:
 
 
 class StreamClock:
-    """Clock that shows the time of the stamps.
+    """Clock that shows the present time on the scale of the time stamps of messages.
 
     If the clock is not `running`, it shows the stamp of the last message. Times are in ns. `now` is
     the time of a monotonic clock, the clock of arrivals.

@@ -72,7 +72,7 @@ class Aeksi(Aid):
     def identify(
         self, samples: Array, settings: tuple[AdaptiveSettings, Noise], sample_rate: float
     ) -> AdaptiveIdentification:
-        """Identify the platform in windows (windows, n) of raw samples in kg."""
+        """Identify the platform in windows of raw samples, (windows, n) in kg."""
         return identify_adaptive_by_ekf(samples, *settings, sample_rate)
 
 

@@ -21,7 +21,7 @@ product of 1 + k over the reflection coefficients k.
 
 With a constant input, the sum of the least-squares residuals is 0. So the mass is the mean of the
 prefiltered window, apart from corrections for the oscillation at both ends. The effect of the
-prefilter is a taper at both ends.
+prefilter on the mass is that of a taper at both ends of the window.
 """
 
 from collections import defaultdict
@@ -48,7 +48,7 @@ from checkweigher_dsp.signal.autoregression import akaike_order, burg
 from checkweigher_dsp.signal.averages import hann_mean
 from checkweigher_dsp.signal.extended_kalman import Identification, is_stable
 
-LEAST_SAMPLES = 8  # least number of samples in a window
+LEAST_SAMPLES = 8  # least number of samples in a window.
 # A Hann window of n taps attenuates by 3 dB at this multiple of f_s / (n + 1).
 _HANN_CUTOFF = 0.7203
 _MOST_TAPS = 100_000
@@ -64,7 +64,7 @@ class AdaptiveSettings:
     """
 
     iterations: int = 5  # number of identifications
-    max_order: int = 2  # largest order of the autoregression; at most 1/3 of the samples
+    max_order: int = 2  # largest order of the autoregression, at most 1/3 of the number of samples
     lowpass_cutoff: float = math.inf  # -3 dB cut-off of the fixed low-pass in Hz
 
 
@@ -128,7 +128,7 @@ class Aid(Estimator):
         return self.estimate_all([window])[0]
 
     def estimate_all(self, windows: Sequence[WeighWindow]) -> list[LoadEstimate]:
-        """Return the steady state in each window. Windows of equal shape are fitted together."""
+        """Return the steady state in each window. Windows of equal length are fitted together."""
         loads = [LoadEstimate(math.nan)] * len(windows)
         batches = defaultdict(list)
         for number, window in enumerate(windows):
@@ -150,7 +150,7 @@ class Aid(Estimator):
     def identify(
         self, samples: Array, settings: Any, sample_rate: float
     ) -> 'AdaptiveIdentification':
-        """Identify the platform in windows (windows, n) of raw samples in kg."""
+        """Identify the platform in windows of raw samples, (windows, n) in kg."""
         return identify_adaptive(samples, settings, sample_rate)
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Estimators that average the window, with which other estimators are compared."""
+"""Estimators that average the window, as references for the other estimators."""
 
 from dataclasses import dataclass
 from typing import ClassVar

@@ -31,7 +31,7 @@ class LoadEstimate:
     """Load that an estimator finds in a window, before gain and offset are applied."""
 
     mass: float  # load in kg, or NaN if it cannot be estimated
-    variance: float = math.nan  # variance in kg^2 without that of the zero, or NaN if unknown
+    variance: float = math.nan  # variance in kg^2 without that of the zero, or NaN if unknown.
     # Coefficients of the platform, with b1 in kg; NaN if the estimator does not identify them.
     a1: float = math.nan
     a2: float = math.nan
@@ -101,7 +101,7 @@ class EstimatorParameters(Parameters):
         return replace(self, **{**common, 'speeds': (speed,), **lists})
 
     def row_at(self, name: str, speed: float) -> Array:
-        """Return the values at a belt speed in m/s of a list with several values per speed."""
+        """Return the values of a list with several values per speed, at a belt speed in m/s."""
         table = np.reshape(getattr(self, name), (len(self.speeds), -1))
         return np.array([np.interp(speed, self.speeds, column) for column in table.T])
 
@@ -140,11 +140,11 @@ class PlotStyle:
 class Estimator(ABC):
     """Method that estimates the load in weigh windows."""
 
-    parameters: EstimatorParameters  # The attribute of the class contains the defaults.
-    needs_denoised: ClassVar[bool] = False  # whether it uses the denoised instead of the raw signal
+    parameters: EstimatorParameters  # The attribute of the class contains the default parameters.
+    needs_denoised: ClassVar[bool] = False  # whether `estimate` uses the denoised signal.
     # Python package that the estimator needs, but package.xml omits because apt does not offer it.
     package: ClassVar[str] = ''
-    look: ClassVar[PlotStyle | None] = None  # style in reports, by default chosen automatically
+    look: ClassVar[PlotStyle | None] = None  # style in reports, by default chosen automatically.
     # Axes that the command `tune` searches. Unless `learn` is overridden, each axis has the name of
     # the parameter list that it sets.
     axes: ClassVar[tuple[Axis, ...]] = ()
@@ -170,8 +170,8 @@ class Estimator(ABC):
         """Learn lists of parameters from passes at one belt speed, and return them by name.
 
         `known` are the previous parameters, and `masses`, (windows,), the true masses in kg.
-        `values` is a point of the search along `axes`. By default, these values are returned as
-        lists.
+        `values` is a point of the search along `axes`. By default, each of these values is returned
+        as a list of one value.
         """
         return {name: (value,) for name, value in values.items()}
 
@@ -184,13 +184,13 @@ class Average(Estimator):
         """Return the average in kg of the samples of a window, (n,), or NaN if there is none."""
 
     def estimate(self, window: WeighWindow) -> LoadEstimate:
-        """Return the average of a window."""
+        """Return the average of a window, with a rough variance."""
         samples = raw_samples(window)
         return LoadEstimate(float(self.average(samples, window)), rough_variance(samples))
 
 
 def raw_samples(window: WeighWindow) -> Array:
-    """Return the raw signal from t2 to t3 in kg without the zero, (n,) float64."""
+    """Return the raw signal from t2 to t3 in kg relative to the zero, (n,) float64."""
     return window.force_between(window.window_begin, window.window_end)
 
 
@@ -208,8 +208,8 @@ def rough_variance(samples: Array) -> float:
 def is_in_window(load: LoadEstimate, window: WeighWindow) -> bool:
     """Return whether a load is close to the mean of the samples of its window.
 
-    An estimator may assume how the load rises. If the load rises in another way, because the belt
-    stops or an unseen object leaves the belt, the estimate may be far from the mean.
+    An estimator may assume a certain rise of the load. If the load rises in another way, because
+    the belt stops or an unseen object leaves the belt, the estimate may be far from the mean.
     """
     samples = raw_samples(window)
     level = float(np.mean(samples))

@@ -28,7 +28,7 @@ from checkweigher_dsp.estimation.estimators.base import (
 )
 from checkweigher_dsp.signal import Array
 
-_KNOTS = 24  # default number of knots
+_KNOTS = 24  # default number of knots.
 # The default curve is a Hann window.
 _HANN = tuple(
     round(math.sin(math.pi * (knot + 1) / (_KNOTS + 1)) ** 2, 6) for knot in range(_KNOTS)
@@ -163,7 +163,7 @@ def fit_fir(samples: Sequence[Array] | Array, masses: Array, count: int, ridge: 
     return np.asarray(knots / (unit @ knots))
 
 
-# This ridge keeps the fit regular if there are fewer passes than knots.
+# This ridge keeps the regression solvable if there are fewer passes than knots.
 _LEAST_RIDGE = 1e-9
 
 

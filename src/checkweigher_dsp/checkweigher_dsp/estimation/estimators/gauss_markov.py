@@ -42,7 +42,7 @@ from checkweigher_dsp.signal.prewhitening import Prewhitener, pooled_reflections
 _LEAST_CHANGE = 1e-9  # relative change of the mass at which the iteration ends
 _MAX_ITERATIONS = 8
 _FREE = 1.0  # prior standard deviation of an unknown oscillation in kg
-_RATE_TOLERANCE = 1e-3  # largest relative deviation of the sample rate
+_RATE_TOLERANCE = 1e-3  # largest relative deviation of the sample rate.
 # Noise models are computed for belt speeds that are multiples of this step in m/s, so that they can
 # be cached. Within a step, a spectral line moves by less than its width.
 _SPEED_STEP = 1e-3
@@ -54,7 +54,7 @@ _position = partial(parameter, unit='m', minimum=-1, maximum=1)
 
 @dataclass(frozen=True)
 class GaussMarkovParameters(EstimatorParameters):
-    """Parameters of Gauss-Markov: the model of the machine that the command `tune` learns."""
+    """Parameters of the Gauss-Markov estimator: the model of the machine that `tune` learns."""
 
     node: ClassVar[str] = 'identifier.gauss_markov'
 
@@ -134,7 +134,7 @@ class PassSignal:
     """Signal of a pass, including the empty belt before it. Times are in s since t1."""
 
     time: Array  # times of the samples, (n,)
-    signal: Array  # signal in kg without the zero, (n,)
+    signal: Array  # signal in kg relative to the zero, (n,)
     crossing: Crossing  # times of the rise and the fall of the load
 
 
@@ -187,7 +187,8 @@ class GaussMarkov(Estimator):
         impact = known.at('impact', window.belt_speed) * window.belt_speed
         signal = whitener.whiten(used.signal)
         mass, variance, misfit = hann_mean(raw_samples(window)), math.nan, math.nan
-        # Each iteration changes only the first five columns, and these only after the entry.
+        # Each iteration changes only the first five columns, and only after the entry. So only
+        # these values are whitened again.
         entry = int(np.searchsorted(used.time, used.crossing.on_begin))
         columns = np.ones((6, len(used.time)))
         whitened = np.empty(0)

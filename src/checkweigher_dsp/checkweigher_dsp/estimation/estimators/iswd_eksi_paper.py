@@ -29,8 +29,8 @@ from checkweigher_dsp.signal import Array
 from checkweigher_dsp.signal.averages import hann_mean
 
 _WAVELET, _LEVELS = 'db16', 7
-_STRETCH = 1024  # least number of padded samples (open), a multiple of 128
-_LEAST_NOISE = 1e-12  # least value of R relative to the squared load
+_STRETCH = 1024  # smallest length of the padded window in samples, a multiple of 128 (open)
+_LEAST_NOISE = 1e-12  # smallest value of R for a signal that is scaled to a load of 1
 
 
 @dataclass(frozen=True)
@@ -128,10 +128,10 @@ def identify(signal: Array, measurement: float, process: float) -> Any:
     platform.predict_x = partial(_move_on, platform)
     for sample in signal:
         x, last, a1, a2, _ = platform.x[:, 0]
-        # This is the Jacobian of eq. 10 with errata applied.
+        # This is the Jacobian of equation 10 with errata applied.
         platform.F[0] = [-a1, -a2, -x, -last, 1.0]
         platform.predict()
-        # This is eq. 14 with errata applied.
+        # This is equation 14 with errata applied.
         platform.update(np.array([[float(sample)]]), _observed, lambda state: state[:1])
     return platform
 

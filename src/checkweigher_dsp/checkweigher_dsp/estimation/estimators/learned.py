@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-r"""Estimator `learned`: a weighted sum of the pass with weights learned without a machine model.
+r"""Estimator `learned`: a weighted sum of the parts of a pass, without a model of the machine.
 
 .. math:: m = \sum_j w_j y_j,\quad w = C^{-1} s / (s' C^{-1} s)
 
@@ -44,7 +44,7 @@ _weights = partial(parameter, minimum=-1e6, maximum=1e6)
 
 @dataclass(frozen=True)
 class LearnedParameters(EstimatorParameters):
-    """Parameters of Learned: the parts of a pass, with weights that the command `tune` learns."""
+    """Parameters of the learned estimator: the parts of a pass, and weights that `tune` learns."""
 
     node: ClassVar[str] = 'identifier.learned'
 

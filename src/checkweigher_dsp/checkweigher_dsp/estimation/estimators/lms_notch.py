@@ -5,8 +5,9 @@ r"""LMS notch estimator: an adaptive notch filter, a moving average, and a trimm
 This is a reconstruction from the abstract of a paper on checkweighers in the Chinese Journal of
 Scientific Instrument 40 (7), 2019: a notch filter adapted by least mean squares (LMS) with a
 variable step (versiera), a moving average, and an asymmetrically trimmed mean. The filter removes
-one frequency (Widrow et al., Adaptive noise cancelling, Proc. IEEE 63 (1975) 1692-1716) from the
-relative deviation d of the signal. With x = (cos, sin) of this frequency,
+one frequency (Widrow et al., Adaptive noise cancelling, Proceedings of the IEEE 63 (1975)
+1692-1716) from the relative deviation d of the signal from its mean. x contains the cosine and the
+sine of this frequency, w their amplitudes in d, and e is the output of the filter:
 
 .. math:: e = d - w' x,\quad w \leftarrow w + 2 \mu e x,\quad \mu = \beta - \beta / (1 + \alpha e^2)
 """
@@ -62,7 +63,7 @@ class LmsNotchParameters(EstimatorParameters):
 
 
 class LmsNotch(Average):
-    """Trimmed mean of the signal without an oscillation (reconstruction).
+    """Trimmed mean of the signal from which one oscillation is removed (reconstruction).
 
     Examples
     --------

@@ -5,8 +5,9 @@
 This is a reconstruction from the title and the classification of the patent application
 CN113225047A of Hunan University (Teng et al., 2021). The morphological filter is the mean of an
 opening followed by a closing and of a closing followed by an opening, with a flat structuring
-element (Maragos, Schafer, Morphological filters, IEEE Trans. ASSP 35, 1987). It removes peaks and
-dips that are shorter than the element. The load is the mean of the last part of its output.
+element (Maragos, Schafer, Morphological filters, IEEE Transactions on ASSP 35, 1987). It removes
+peaks and dips that are shorter than the element. The load is the mean of the last part of its
+output.
 """
 
 from dataclasses import dataclass

@@ -92,9 +92,9 @@ class Tvlpf(Average):
 def lowpass_steps(
     count: int, initial_cutoff: float, final_cutoff: float, decay: float, sample_rate: float
 ) -> Array:
-    """Return the weight of each sample in the output of a section at the same time, (n,).
+    """Return the weight alpha(n) of each sample in the output of a section, (n,).
 
-    These are the alpha(n) of `lowpass_weights`, which describes the parameters.
+    The function `lowpass_weights` describes alpha(n) and the parameters.
     """
     cutoff = final_cutoff + (initial_cutoff - final_cutoff) * decay ** np.arange(count)
     steps: Array = -np.expm1(-2 * math.pi / sample_rate * cutoff)

@@ -20,18 +20,18 @@ from checkweigher_dsp.signal.autoregression import pooled_autocovariance
 from checkweigher_dsp.signal.averages import hann_mean
 from checkweigher_dsp.signal.rise_lag import PLATFORM_LAG, lag_of
 
-_PARTS = 64  # least number of parts of a window, which resolve 80 Hz on a slow belt
+_PARTS = 64  # least number of parts of a window, which resolve 80 Hz on a slow belt.
 # Additional noise at both ends of a window, as fractions of the variance of the disturbance. It is
 # larger at t2 than at t3, because ring-down and a late load extend far into the window.
 _ENTRY_NOISE = 0.05
 _EXIT_NOISE = 0.001
-_EDGE_EXPONENT = 1.5  # exponent of the additional noise near both ends
+_EDGE_EXPONENT = 1.5  # exponent of the additional noise near both ends.
 # White noise as a fraction of the variance of the disturbance. Without it, the weights might become
 # very large if the disturbance is a single oscillation.
 _WHITE = 1e-3
 _ITERATIONS = 2
 SETTLE_TIME = 0.1  # duration of the ring-down after the previous item in s
-_RISE_PARTS = 3  # number of parts of the rise, above the period of most platforms
+_RISE_PARTS = 3  # number of parts of the rise, above the period of most platforms.
 # Factor of the standard deviation of the level. Without it, the standard deviation is too large,
 # because ringing decays within the window. The factor was measured on 21 machines that no estimator
 # was trained on.

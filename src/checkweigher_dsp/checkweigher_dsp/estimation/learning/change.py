@@ -17,7 +17,7 @@ from checkweigher_dsp.signal import Array
 RECENT = 20  # number of recent items in which a change is searched for
 _ALIKE = 1.25  # largest factor by which a compared load may be outside the range of learned loads
 _MOVED = 1.5  # smallest median shift of a part that is a change, in standard deviations of the part
-_GROWN = 6.0  # smallest ratio of the power of a spectral line to its learned power that is a change
+_GROWN = 6.0  # smallest ratio of the power of a spectral line to its learned power in a change.
 # Largest amplitude of the mean of several residuals, as a fraction of that of single residuals, for
 # a change to be a vibration.
 _SAME_PHASE = 0.6
@@ -75,7 +75,8 @@ def find_change(
     place, line = int(np.argmax(moved)), int(np.argmax(grown))
     if moved[place] < _MOVED and grown[line] < _GROWN:
         return None
-    # A vibration has a random phase in each item, so that it is small in the mean of the items.
+    # A vibration has a random phase in each item, so that it is small in the mean of the items. A
+    # change that is large in this mean is therefore a change of the load at a place of the pass.
     last = halves[-1]
     if grown[line] < _GROWN or np.mean(last, axis=0).std() > _SAME_PHASE * last.std():
         place = int(np.argmax(abs(after)))

@@ -132,7 +132,7 @@ def learned_load(known: LearnedKinds, window: WeighWindow, load: LoadEstimate) -
 def learn(
     known: LearnedKinds, window: WeighWindow, load: LoadEstimate, parameters: LearningParameters
 ) -> LearnedKinds:
-    """Return the learned state after an item in whose window the estimator found `load`."""
+    """Return the learned state after an item. `load` is the load in its window by the estimator."""
     kind = _kind_of(known, window) or ItemKind(
         window.belt_speed, window.product_length, rise_parts_of(window)
     )

@@ -34,7 +34,7 @@ _PLAIN = (0.3, 0.03, 0.1)  # a, b and c for weights that do not depend on R
 _FEWEST = 15  # smallest number of degrees of freedom
 _ALONE = 0.05  # fraction of items that may have less empty belt before t1 than the weights use
 _APART = 0.02  # smallest distance between clusters as a fraction of the load
-_APART_STD_DEVS = 6.0  # smallest distance between clusters in standard deviations of the estimator
+_APART_STD_DEVS = 6.0  # smallest distance between clusters in standard deviations of the estimator.
 # Weights are trusted if the standard deviation of held-out masses, divided by that of the masses by
 # the selected estimator, is below `_GAIN`. If the masses of the products differ much, this ratio
 # may be small by chance, so it must then be below `_GAIN_OF_DIFFERENT`.
@@ -57,8 +57,8 @@ class Fit(Settings):
 
     `curve`, `weights` and `noise`, (k,) each, belong to the last k parts of a pass. They are the
     signal of a load of 1, the weights of the parts in the mass, and the standard deviations of the
-    residuals in kg. `spectrum`, (k // 2 + 1,), is the usual power of the residuals by frequency in
-    kg^2.
+    residuals in kg. `spectrum`, (k // 2 + 1,), is the median power of the residuals in kg^2 at each
+    frequency.
     """
 
     curve: Array = parameter(text='parts of the signal of a load of 1')
@@ -95,7 +95,7 @@ class Fit(Settings):
         return len(self.weights) - PARTS
 
     def residual(self, passage: PassParts) -> Array:
-        """Return the last k parts of a pass without the load in kg, (k,)."""
+        """Return the last k parts of a pass minus the signal of its mass, (k,) in kg."""
         return passage.parts[-len(self.weights) :] - self.mass(passage) * self.curve
 
     def mass(self, passage: PassParts) -> float:
@@ -184,7 +184,8 @@ class _Items:
         sizes = np.bincount(clusters)[clusters]
         means = np.bincount(clusters, loads)[clusters] / sizes
         self._freedom = freedom
-        # Ratio of the deviation from the mean of the other items to that from the mean of all.
+        # For each item, the deviation from the mean of the other items of its cluster, divided by
+        # the deviation from the mean of the whole cluster.
         self.others = np.where(sizes > 1, sizes / np.maximum(sizes - 1, 1), 0.0)
         self._counts = (sizes - 1) / sizes
         self.curve = np.asarray(means @ parts / (means @ means))
