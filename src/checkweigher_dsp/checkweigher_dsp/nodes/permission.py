@@ -13,7 +13,8 @@ from checkweigher_core.ros.port_node import PortNode
 from checkweigher_dsp.rejection.permission import PermissionRule
 
 _PERIOD = round(0.1 * NANOSECONDS)  # interval between two messages in ns.
-# Longest age of a sign of life in s. The stages send one every 0.2 s or after each long block.
+# Longest age of a sign of life in s. A stage sends a sign of life every 0.2 s, or later if a long
+# block of samples delays it.
 _FRESH_TIME = 0.4
 _MARGIN = round(0.001 * NANOSECONDS)  # delay after the expiry of a sign of life in ns
 

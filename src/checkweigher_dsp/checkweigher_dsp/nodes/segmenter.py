@@ -36,8 +36,8 @@ from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
 
 _MAX_EARLY = 1_000  # maximum number of blocks and edges that wait for load_cell/info.
-# The status is sent with the samples instead of by a timer, because a replay waits for it, and the
-# permission to run the line must expire without samples.
+# The status is sent with the samples instead of by a timer, because a replay waits for it, and
+# because the permission to run the line must expire if no samples arrive.
 _STATUS_INTERVAL = 0.2  # duration of the signal between two messages in s
 _STATUS_BLOCKS = 100  # largest number of blocks between two messages
 _ANSWER_PERIOD = 0.01  # interval between two checks of the connections in s

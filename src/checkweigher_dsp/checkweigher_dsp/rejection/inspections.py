@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Rejects by other inspection devices of the line, such as a metal detector, X-ray or vision.
+"""Rejects by the inspection devices of a line: metal detectors, X-ray devices and cameras.
 
 The devices are installed at known distances before or behind the infeed eye. A device answers for
 an item within its answer time after the item has passed the device. The verdict on an item waits
@@ -69,7 +69,7 @@ class _Signal:
     """Reject by a device."""
 
     reject: ExternalReject
-    forget_at: int  # time in ns on the clock of arrivals at which the reject is given up as missed
+    forget_at: int  # time in ns on the clock of arrivals at which the reject counts as missed
     used: bool = False  # whether the reject was applied to an item
 
 

@@ -84,8 +84,8 @@ class PendingItems:
         """Return a new item that no segmenter has announced, or None if no number is free.
 
         `after` is the largest item number when the outfeed edge arrived. The new item gets the next
-        free number after it. Only numbers below the next multiple of `NUMBERS_AT_ONCE` are free,
-        because a restarted segmenter continues there. No number is free before the first
+        free number above this number. Only numbers below the next multiple of `NUMBERS_AT_ONCE` are
+        free, because a restarted segmenter continues there. No number is free before the first
         announcement.
         """
         number = after + 1

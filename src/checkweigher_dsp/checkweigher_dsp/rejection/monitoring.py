@@ -51,7 +51,7 @@ class RejectMonitor:
         self.trouble = ''  # problem of the driver, or empty
         self.conditions = MachineConditions(0, True)
         self.test: PerformanceTest | None = None  # latest state of the performance test
-        self.strangers = ''  # other nodes that publish topics of the line, or empty
+        self.strangers = ''  # foreign nodes that publish topics of the line, or empty
         self.zero_step = ''  # excessive step of the zero since it was last set, or empty
         self._zero: tuple[float, int] | None = None  # last zero in kg and its time in ns
         self._in_a_row = self._failed_in_a_row = 0

@@ -19,7 +19,7 @@ class OutfeedEdge:
 
     stamp: int  # time stamp in ns
     came: int  # arrival in ns on the clock of arrivals
-    after: int  # largest item number at the arrival
+    after: int  # largest item number so far when the edge arrived
 
 
 class OutfeedWatch:

@@ -21,8 +21,8 @@ class PermissionRule:
 
     The line may run if all `stages` have sent a sign of life in the last `fresh_time` s, all inputs
     have a publisher, and no stop is requested. Without `deadlines`, only a stop request withdraws
-    the permission. The segmenter is monitored by its number of processed samples. Times are in ns
-    of a monotonic clock.
+    the permission. The segmenter is monitored by its number of processed samples. All times are
+    those of a monotonic clock, in ns.
     """
 
     def __init__(self, fresh_time: float, stages: Iterable[str] = (), *, deadlines: bool) -> None:

@@ -87,7 +87,7 @@ class EstimatorParameters(Parameters):
                 )
 
     def fits(self, name: str, count: int) -> bool:
-        """Return whether the list `name` may have `count` values. The default is one per speed."""
+        """Return whether the list `name` may have `count` values, by default one for each speed."""
         return count == len(self.speeds)
 
     def at(self, name: str, speed: float) -> float:

@@ -258,7 +258,8 @@ def estimate_untrained(window: WeighWindow) -> LoadEstimate:
     if order >= 2 and np.all(np.isfinite(empty)) and np.ptp(empty) > 0:
         with np.errstate(invalid='ignore'):
             reflections, std_dev = pooled_reflections([empty - np.mean(empty)], order)
-    # Use the mean also if the empty belt is exactly predictable, as with alternating counts.
+    # Return the mean also if the empty belt is exactly predictable, for example if two counts
+    # alternate, because the autoregression then has no noise.
     if not std_dev > 0:
         return LoadEstimate(mean, float(np.var(samples)) / len(samples))
     whitener = Prewhitener(reflections, std_dev)

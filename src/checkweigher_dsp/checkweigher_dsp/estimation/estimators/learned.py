@@ -146,8 +146,8 @@ def seconds_alone(window: WeighWindow) -> float:
 def pass_features(window: WeighWindow, layout: Layout) -> Array:
     """Return the means of the signal in the parts of a pass in kg, (layout.count,).
 
-    Each sample represents the interval around its time. All means are NaN if the signal begins
-    after the first part, or if a part has no duration.
+    Each sample represents the interval around its time. All means are NaN if the first part begins
+    before the signal, or if a part has no duration.
     """
     whole, rise = transit(window), rise_time(window)
     half = 0.5 / window.sample_rate

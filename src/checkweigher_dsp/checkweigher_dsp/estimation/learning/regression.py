@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-r"""Weights of the parts of a pass from items of unknown mass.
+r"""Learning of the weights of the parts of a pass from items of unknown mass.
 
 .. math:: m = \sum_j w_j y_j,\quad w \propto C^{-1} s,\quad C = R'R / d + a N + b v I + c v P
 
@@ -30,7 +30,7 @@ from checkweigher_dsp.signal.autoregression import pooled_autocovariance
 
 # Grid of a, b and c.
 _SHARES = tuple(product((0.03, 0.3, 3.0), (0.003, 0.03, 0.3), (0.0, 0.1, 1.0)))
-_PLAIN = (0.3, 0.03, 0.1)  # a, b and c for weights that do not depend on R
+_PLAIN = (0.3, 0.03, 0.1)  # coefficients a, b and c of the plain weights, which do not depend on R
 _FEWEST = 15  # smallest number of degrees of freedom
 _ALONE = 0.05  # fraction of items that may have less empty belt before t1 than the weights use
 _APART = 0.02  # smallest distance between clusters as a fraction of the load
@@ -43,7 +43,9 @@ _GAIN, _GAIN_OF_DIFFERENT = 0.95, 0.8
 # estimator is below this multiple of the standard deviation of their differences from the masses by
 # plain weights. The true mass cancels in these differences.
 _ALIKE = 0.8
-_LEARNED = 5.0  # number of degrees of freedom that the weights and the grid use
+# Number of degrees of freedom that learning uses. The variance of held-out masses is increased
+# accordingly, because the weights and the likelihoods of the grid are learned from the same items.
+_LEARNED = 5.0
 _PLATFORMS = np.geomspace(15.0, 60.0, 24)  # natural frequencies of platforms in Hz
 _DAMPING = 0.05  # damping ratio of platforms
 _FADING = 0.1  # decay time of ringing in s
@@ -55,10 +57,10 @@ _LEAST_VARIANCE = 1e-18  # smallest variance in kg^2
 class Fit(Settings):
     """Weights that were learned from items of one belt speed and length.
 
-    `curve`, `weights` and `noise`, (k,) each, belong to the last k parts of a pass. They are the
-    signal of a load of 1, the weights of the parts in the mass, and the standard deviations of the
-    residuals in kg. `spectrum`, (k // 2 + 1,), is the median power of the residuals in kg^2 at each
-    frequency.
+    `curve`, `weights` and `noise`, (k,) each, contain a value for each of the last k parts of a
+    pass: the signal of a load of 1, the weight of the part in the mass, and the standard deviation
+    of the residual in kg. `spectrum`, (k // 2 + 1,), is the median power of the residuals in kg^2
+    at each frequency.
     """
 
     curve: Array = parameter(text='parts of the signal of a load of 1')
