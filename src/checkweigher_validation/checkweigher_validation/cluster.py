@@ -22,13 +22,15 @@ _UNREACHABLE = 'its scheduler has ended, or cannot be reached any more'
 
 
 class SchedulerError(ValueError):
-    """Raised if a cluster cannot be used. The message contains address, reason and advice."""
+    """Raised if a cluster cannot be used. The message contains its address and the reason."""
 
 
 class _Cluster(Workers):
-    """Workers of a cluster with some addresses. If `addresses` is None, all workers are used."""
+    """Workers of a cluster at the given addresses, or all workers if `addresses` is None."""
 
-    ahead = 5000  # more than the number of workers, and few enough for the scheduler's memory
+    # More than the number of workers, so that no worker waits for a job, and few enough for the
+    # memory of the scheduler.
+    ahead = 5000
 
     def __init__(self, client: Any, addresses: Sequence[str] | None) -> None:
         from distributed import KilledWorker
@@ -37,7 +39,7 @@ class _Cluster(Workers):
         self._client = client
         self._addresses = addresses
         self._executor: Executor = client.get_executor(pure=False, workers=addresses)
-        self._gone: float | None = None  # time in s of the first check without any worker, if any
+        self._gone: float | None = None  # time in s since which no worker was found, or None
 
     def submit(self, job: Job, alone: bool) -> Future[Any]:
         return self._executor.submit(job)
@@ -46,7 +48,7 @@ class _Cluster(Workers):
         try:
             there = self._client.scheduler_info(n_workers=-1)['workers']
         except (OSError, TimeoutError):
-            return  # if the connection is lost, the jobs will fail
+            return  # the jobs themselves report a lost connection
         if self._client.status == 'closed':
             raise ClusterLostError(f'the cluster was lost: {_UNREACHABLE}')
         now = time.monotonic()
@@ -91,8 +93,8 @@ def on_scheduler(address: str) -> Iterator[list[str]]:
         if not workers:
             lines = '; '.join(refused.values()) or 'it has no worker; start "dask worker" there'
             raise SchedulerError(f'{address}: {lines}')
-        # If all workers can be used, later ones are used as well, because a restarted worker has
-        # another address.
+        # If all workers can be used, do not restrict the jobs to their addresses, because a
+        # restarted worker has another address.
         with jobs_done_by(partial(_Cluster, client, workers if refused else None)):
             yield list(refused.values())
 
@@ -105,10 +107,12 @@ def _client(address: str) -> Iterator[Any]:
         raise SchedulerError(
             f'--scheduler {address}: dask.distributed is not installed; pip install distributed'
         ) from None
-    # While it reconnects, the client would log the tracebacks of exceptions that it also raises.
+    # Suppress the log of the client, because it contains tracebacks of exceptions that the client
+    # also raises.
     logging.getLogger('distributed.client').setLevel(logging.CRITICAL)
     with warnings.catch_warnings():
-        # The passes for tuning are large, and the client would warn about that.
+        # Suppress the warning about large jobs. The jobs of tuning are large because each of them
+        # contains the passes.
         warnings.filterwarnings('ignore', 'Sending large graph', UserWarning)
         try:
             client = distributed.Client(address, timeout=_ANSWER, set_as_default=False)
@@ -122,10 +126,10 @@ def _client(address: str) -> Iterator[Any]:
 
 
 def _refused(client: Any) -> dict[str, str]:
-    """Return a line for each worker that cannot be used, by the name of the worker."""
+    """Return a line for each worker that cannot be used, by the address of the worker."""
     here, refused = program(), {}
     for name, answer in client.run(program, on_error='return').items():
-        # A connection error of Dask, which has no errno, means that the worker has ended.
+        # Ignore a worker that has ended. Its answer is a connection error of Dask without an errno.
         if isinstance(answer, OSError) and answer.errno is None:
             continue
         is_error = isinstance(answer, BaseException)

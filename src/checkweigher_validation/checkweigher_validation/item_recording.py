@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Short recording of one item from a long recording, in which the item has the same result."""
+"""Extraction of one item from a long recording into a short one, without changing its result."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -13,11 +13,12 @@ from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, MassEstimate, V
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_validation.accuracy.results import ItemResult, weigh
 
-# Largest difference of the masses in standard deviations. The mass in the short recording differs
-# because the zero depends on all earlier samples.
+# Largest difference between the masses in the short and in the long recording, in standard
+# deviations. The masses differ because the zero depends on all earlier samples.
 _SAME_MASS = 0.1
 _FEWEST = 2  # smallest number of preceding items, from which belt speed and zero are computed
-_AFTER = NANOSECONDS  # duration in ns of the signal after the item, for each preceding item
+# Duration in ns of the signal that is kept after the item, per preceding item.
+_AFTER = NANOSECONDS
 
 
 class KeepError(ValueError):
@@ -31,7 +32,8 @@ def keep_item(
 
     The result depends on preceding items, because zero, belt speed and lag of the photo-eyes are
     computed from them. The number of preceding items is therefore doubled until the item has the
-    same decision and reasons, and a mass that differs by at most a tenth of its standard deviation.
+    same t1, t2, t3, decision and reasons, and a mass that differs by at most a tenth of its
+    standard deviation.
     In the short recording, the numbers of the items begin with 1. `estimate` and `verdict` are the
     result of the item with `parameters`.
 

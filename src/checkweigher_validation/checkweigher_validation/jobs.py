@@ -17,7 +17,8 @@ from checkweigher_recording.progress import with_progress
 
 Job = Callable[[], Any]
 
-# There is a worker for each core, so more threads in a worker would slow down the other workers.
+# Each worker has one thread. There is a worker for each core, so more threads in a worker would
+# slow down the other workers.
 ONE_THREAD = {'OMP_NUM_THREADS': '1', 'OPENBLAS_NUM_THREADS': '1', 'MKL_NUM_THREADS': '1'}
 _LOOK = 5.0  # longest time between two checks of the workers in s
 
@@ -59,7 +60,7 @@ class _Processes(Workers):
 
         with _mute():
             while True:
-                # The executor is a new one if a process of the previous executor was killed.
+                # If a process was killed, try again, because the executor is then a new one.
                 self._executor = get_reusable_executor(
                     1 if alone else self._count,
                     timeout=None,
@@ -145,9 +146,10 @@ def jobs_as_done(
 ) -> Generator[tuple[int, Any], None, None]:
     """Run independent jobs, and yield the position and the result of each job when it is done.
 
-    If a worker is killed, all jobs that were submitted at that time are run again one at a time. If
-    the worker of a job is killed again, the result of the job is a `WorkerLostError`. The
-    parameters are as in `run_jobs`.
+    If a worker is killed, the jobs that may have killed it are run again one at a time. On this
+    machine, these are all jobs that were submitted at that time. On a cluster, these are the jobs
+    that Dask has given up. If the worker of a job is killed again, the result of the job is a
+    `WorkerLostError`. The parameters are as in `run_jobs`.
 
     Raises `ClusterLostError` if the jobs ran on a cluster that was lost.
     """

@@ -5,16 +5,18 @@
 The rules are:
 
 - The mean error and the standard deviation of passes are limited. In category Y, the error of each
-  pass is limited instead. The module `checkweigher_validation.accuracy.classes` has these limits
-  and their sources.
+  pass is limited instead. The module `checkweigher_validation.accuracy.classes` contains these
+  limits and their sources.
 - The error of a load at rest must be within the limit of the mean error of category X, which
   applies in both categories.
-- The zero must be within 0.25 e after zeroing, and within 0.5 e later. The error of passes beside
-  the middle of the belt must be within the limit of the class. Passes outside the range of dynamic
-  setting must not get a mass. The rules on zero, eccentricity and range are from OIML R 51-1:2006,
-  quoted from memory because its text was not available.
-- A step fails if a pass did not get a mass. This program adds this rule, because otherwise a
-  machine could meet its limits by not weighing.
+- The first reading of the empty belt after zeroing must be within 0.25 e of the zero that was set.
+  Later readings must be within 0.5 e of that reading. Readings during the warm-up must be within
+  0.5 e of the first of them. The error of passes beside the middle of the belt must be within the
+  limit of the class. Passes outside the range of dynamic setting must not get a mass. The rules on
+  zero, eccentricity and range are from OIML R 51-1:2006, quoted from memory because its text was
+  not available.
+- Inside the range of dynamic setting, a step fails if a pass did not get a mass. This program adds
+  this rule, because otherwise a machine could meet its limits by not weighing.
 
 The stated uncertainty of an error is an expanded uncertainty with k = 2, which combines the scatter
 of the passes and the uncertainty of the reference mass. The uncertainty is not subtracted from the
@@ -43,7 +45,7 @@ LEVEL = 0.95  # confidence level of the intervals whose coverage is reported
 
 _CLOSE = 1.25  # largest ratio of a load to Min, or of Max to a load, that counts as close
 _THIRD = (0.25, 0.5)  # loads that count as about a third of Max, relative to Max
-_REFERENCE_SHARE = 1 / 3  # largest uncertainty of a reference mass, relative to the limit
+_REFERENCE_SHARE = 1 / 3  # largest expanded uncertainty of a reference mass, relative to the limit
 _SAME_SPEED = 0.05  # largest relative deviation from the planned belt speed
 _LATE = 1.0  # largest deviation from a planned warm-up time in min
 _CALIBRATED = AtRest(0.0, 0.0, 0.0, 0)  # zero at calibration
@@ -59,12 +61,13 @@ class Result:
     count: int = 0  # number of weighed passes
     required: int = 0  # number of weighings that the rule requires
     faults: int = 0  # number of passes without a mass
-    error: float = math.nan  # mean error of the passes, or change of the zero
+    # Mean error of the passes, error of the load at rest, or change of the zero.
+    error: float = math.nan
     worst_error: float = math.nan  # signed error of the pass with the largest magnitude
     std_dev: float = math.nan
     spread: float = math.nan  # difference between the largest and the smallest error
     uncertainty: float = math.nan  # expanded uncertainty of the error, k = 2
-    coverage: float = math.nan  # fraction of the stated intervals that contain the error
+    coverage: float = math.nan  # fraction of the passes whose error is within the stated interval
     max_error: float = math.nan
     max_std_dev: float = math.nan
     failures: tuple[str, ...] = ()
@@ -88,7 +91,7 @@ class AttemptResults:
 
     results: tuple[Result, ...]
     missing: tuple[str, ...]  # names of the steps that were not made
-    gaps: tuple[str, ...]  # a sentence for each missing step, test or weighing
+    gaps: tuple[str, ...]  # sentences on missing steps and tests, and on too few weighings
     doubts: tuple[str, ...]  # a sentence for each other departure
 
     @property
@@ -100,8 +103,8 @@ class AttemptResults:
     def verdict(self) -> str:
         """Verdict 'failed', 'incomplete', 'undecided' or 'passed'.
 
-        The last attempt at each step counts. If no step failed, the verification is
-        incomplete if something is missing, and undecided if there is another departure.
+        The last attempt at each step counts. If no step failed, the verification is incomplete
+        if there are gaps, and otherwise undecided if there is another departure from the rules.
         """
         if any(each.failures for each in self.last):
             return 'failed'
@@ -188,8 +191,9 @@ def _judge_passes(blank: Result, accuracy_class: AccuracyClass) -> Result:
     """Return the result of an attempt that consists of passes.
 
     In a test of repeatability, the standard deviation is limited in category X, and the spread in
-    category Y. In tests of warm-up and eccentricity, the error is limited. In all other tests, the
-    error and the standard deviation are limited.
+    category Y. In tests of warm-up and eccentricity, the error is limited. In tests outside the
+    range of dynamic setting, no pass may get a mass. In all other tests, the error is limited, and
+    in category X also the standard deviation.
     """
     step, condition = blank.attempt.step, condition_of(blank.attempt)
     result = _with_figures(blank, condition)
@@ -260,7 +264,7 @@ def _shortcomings(attempt: Attempt, condition: ConditionResult) -> Iterator[str]
 
 
 def _shortcomings_outside(condition: ConditionResult, planned: int) -> Iterator[str]:
-    """Yield the faults of a test outside the range, in which no pass may get a mass."""
+    """Yield the reasons why a test fails in which no pass may get a mass."""
     passes = condition.count + condition.faults
     if passes < planned:
         yield f'{passes} of {planned} planned passes'
@@ -269,7 +273,7 @@ def _shortcomings_outside(condition: ConditionResult, planned: int) -> Iterator[
 
 
 def _gaps(plan: Plan, results: Sequence[Result], missing: Sequence[str]) -> Iterator[str]:
-    """Yield a sentence for each step, test and weighing that is missing."""
+    """Yield a sentence for each missing step or test, and for each step with too few weighings."""
     yield from (f'Step {name} was not made.' for name in missing)
     tests = {
         'warm-up': plan.warm_up,
@@ -304,7 +308,7 @@ def _doubts(procedure: Procedure, results: Sequence[Result]) -> Iterator[str]:
 
 
 def _step_departures(procedure: Procedure, results: Sequence[Result]) -> Iterator[str]:
-    """Yield a sentence for each step that had no zeroing, or was made several times."""
+    """Yield a sentence for each zero without a zeroing before it, and for each repeated step."""
     zeroed = min((zero.stamp for zero in procedure.zeros), default=math.inf)
     for result in results:
         name, attempt = result.attempt.step.name, result.attempt
@@ -315,9 +319,10 @@ def _step_departures(procedure: Procedure, results: Sequence[Result]) -> Iterato
 
 
 def _foreign_cell(procedure: Procedure) -> Iterator[str]:
-    """Yield a sentence if the device of the samples is not that of the plan or the audit log.
+    """Yield sentences if the load cell is not that of the plan, or has another calibration.
 
-    The samples have the serial number of the load cell or, if it is digital, of its amplifier.
+    The samples contain the serial number of the load cell or, if it is digital, of its amplifier.
+    The calibration is compared with the audit log.
     """
     plan, own = procedure.plan, procedure.load_cell
     planned = [str(each.get('serial', '')) for each in (plan.load_cell, plan.amplifier)]
@@ -347,9 +352,9 @@ def _load_departures(plan: Plan) -> Iterator[str]:
 
 
 def _reference_departures(plan: Plan) -> Iterator[str]:
-    """Yield a sentence for each reference mass whose uncertainty is too large for its limits."""
+    """Yield a sentence for each reference mass that is too uncertain for its smallest limit."""
     own = plan.accuracy_class
-    limits: dict[Mass, float] = {}  # smallest limit of all steps with a load, in kg
+    limits: dict[Mass, float] = {}  # smallest error limit in kg of the steps with each mass
     for step in steps_of(plan):
         if step.load is not None and step.kind != StepKind.OUTSIDE:
             limit = (own.max_static_error if step.at_rest else own.max_error)(step.load.mass)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Uncertainty of the results of a plan before its first step, compared with their limits."""
+"""Uncertainty that is expected of each result of a plan, compared with the error limit."""
 
 from collections.abc import Iterator
 import math
@@ -29,8 +29,8 @@ class Expected(NamedTuple):
 def expected_uncertainties(plan: Plan, std_dev: float) -> Iterator[Expected]:
     """Yield the expected uncertainty of each step that has a load and an error limit.
 
-    It combines the uncertainty of the load and, for passes, the scatter of their mean. `std_dev`
-    is the standard deviation of a pass in kg, or 0 if it is not known.
+    It combines the uncertainty of the load and, for passes, the standard deviation of their mean.
+    `std_dev` is the standard deviation of a pass in kg, or 0 if it is not known.
     """
     own = plan.accuracy_class
     for step in steps_of(plan):

@@ -30,8 +30,9 @@ LONGEST = 10_000  # largest number of characters of a plan
 MINUTE = 60.0  # s
 PLANS, VERIFICATIONS = 'plans', 'verifications'  # subfolders of the folder of a machine
 
-_ROUNDING = 1 + 1e-9  # tolerance of a mass that equals a limit
-_MOST_PASSES, _LARGEST_G, _FASTEST = 10_000, 1e7, 600.0  # largest values; g and m/min
+_ROUNDING = 1 + 1e-9  # tolerance for rounding errors of a mass that equals a limit
+# Largest number of passes, largest mass in g, and largest belt speed in m/min.
+_MOST_PASSES, _LARGEST_G, _FASTEST = 10_000, 1e7, 600.0
 
 
 def _grams(text: str, default: Any = MISSING, minimum: float = 1e-6) -> Any:
@@ -52,7 +53,10 @@ class Mass(Settings):
 
     def __post_init__(self) -> None:
         if not re.fullmatch(r'\w[\w.-]*', self.name):
-            raise SettingsError('a name may contain only letters, digits, _, - and .')
+            raise SettingsError(
+                'a name may contain only letters, digits, _, - and ., and must not begin with - or '
+                'a dot'
+            )
 
     @property
     def mass(self) -> float:
@@ -75,21 +79,21 @@ class Passes(NamedTuple):
 
 @dataclass(frozen=True)
 class PassesOfLoad(Settings):
-    """Section with the passes of one load at one belt speed."""
+    """Section of a plan with the passes of one load at one belt speed."""
 
-    load: str = parameter(text='reference mass')
-    speed_m_per_min: float = parameter(text='belt speed', minimum=0.1, maximum=_FASTEST)
+    load: str = parameter(text='name of the reference mass')
+    speed_m_per_min: float = parameter(text='belt speed in m/min', minimum=0.1, maximum=_FASTEST)
     passes: int = parameter(
-        0, 'number of passes; 0: as the load requires', minimum=1, maximum=_MOST_PASSES
+        0, 'number of passes; 0 selects the required number', minimum=1, maximum=_MOST_PASSES
     )
 
 
 @dataclass(frozen=True, kw_only=True)
 class WarmUp(PassesOfLoad):
-    """Section with the times of a warm-up test, at which zero and passes are recorded."""
+    """Section of a plan with the times at which zero and passes are recorded in a warm-up."""
 
     minutes: tuple[float, ...] = parameter(
-        text='times since the first step in min, ascending', minimum=0, maximum=24 * 60
+        text='ascending times after the first step in min', minimum=0, maximum=24 * 60
     )
 
     def __post_init__(self) -> None:
@@ -99,9 +103,9 @@ class WarmUp(PassesOfLoad):
 
 @dataclass(frozen=True, kw_only=True)
 class Eccentricity(PassesOfLoad):
-    """Section with the passes of one load beside the middle of the belt."""
+    """Section of a plan with the passes of one load beside the middle of the belt."""
 
-    positions: tuple[str, ...] = parameter(text='names of lanes on the belt')
+    positions: tuple[str, ...] = parameter(text='names of positions across the belt')
 
     def __post_init__(self) -> None:
         for position in self.positions:
@@ -114,21 +118,21 @@ class Eccentricity(PassesOfLoad):
 
 @dataclass(frozen=True)
 class ZeroReadings(Settings):
-    """Section with the number of readings of the zero."""
+    """Section of a plan with the number of readings of the zero."""
 
     readings: int = parameter(5, 'number of readings of the empty belt', minimum=1, maximum=100)
 
 
 @dataclass(frozen=True)
 class Static(Settings):
-    """Section with the loads at rest."""
+    """Section of a plan with the loads at rest."""
 
-    loads: tuple[str, ...] = parameter(text='reference masses')
+    loads: tuple[str, ...] = parameter(text='names of the reference masses')
 
 
 @dataclass(frozen=True)
 class Rest(Settings):
-    """Section with the settings of a reading at rest."""
+    """Section of a plan with the settings of a reading at rest."""
 
     duration_s: float = parameter(5.0, 'duration of a reading', unit='s', minimum=0.2, maximum=60)
     tolerance_g: float = _grams('largest drift of a reading', 0.1)
@@ -147,43 +151,44 @@ class Plan(Settings):
     is None or empty if the test is not made.
     """
 
-    machine: Mapping[str, str] = parameter(text='nameplate')
-    load_cell: Mapping[str, str] = parameter(text='nameplate')
-    amplifier: Mapping[str, str] = parameter(text='nameplate')
+    machine: Mapping[str, str] = parameter(text='nameplate of the machine')
+    load_cell: Mapping[str, str] = parameter(text='nameplate of the load cell')
+    amplifier: Mapping[str, str] = parameter(text='nameplate of the amplifier')
     class_: str = parameter(text='accuracy class')
     factor: float = parameter(1.0, 'class factor x', minimum=0, maximum=2)
     in_service: bool = parameter(False, 'whether the limits in service apply')
     e_g: float = _grams('verification scale interval')
-    min_g: float = _grams('Min', minimum=0)
-    max_g: float = _grams('Max', minimum=0)
+    min_g: float = _grams('smallest load Min', minimum=0)
+    max_g: float = _grams('largest load Max', minimum=0)
     prepackages_g: tuple[float, ...] = parameter(
-        (), 'nominal quantities', minimum=GRAMS * SMALLEST, maximum=GRAMS * LARGEST
+        (), 'nominal quantities in g', minimum=GRAMS * SMALLEST, maximum=GRAMS * LARGEST
     )
     operator: str = parameter(text='name of the operator')
     place: str = parameter(text='place of the verification')
-    environment: str = parameter(text='temperature, humidity, pressure')
+    environment: str = parameter(text='temperature, relative humidity and air pressure')
     references: Mapping[str, Mass] = parameter(text='reference masses by name')
     speeds_m_per_min: tuple[float, ...] = parameter(
-        text='belt speeds', minimum=0.1, maximum=_FASTEST
+        text='belt speeds in m/min', minimum=0.1, maximum=_FASTEST
     )
     loads: tuple[str, ...] = parameter(text='reference masses that pass at each speed')
     passes: int = parameter(
-        0, 'number of passes; 0: as the load requires', minimum=1, maximum=_MOST_PASSES
+        0, 'number of passes; 0 selects the required number', minimum=1, maximum=_MOST_PASSES
     )
-    warm_up: WarmUp | None = parameter(None, 'passes after switching on')
+    warm_up: WarmUp | None = parameter(None, 'zero and passes after switching on')
     zero: ZeroReadings | None = parameter(None, 'readings of the zero')
-    outside: tuple[PassesOfLoad, ...] = parameter((), 'passes outside the dynamic setting')
+    outside: tuple[PassesOfLoad, ...] = parameter((), 'passes outside the range of dynamic setting')
     eccentricity: Eccentricity | None = parameter(None, 'passes beside the middle of the belt')
-    repeatability: PassesOfLoad | None = parameter(None, 'passes of one load')
-    static: Static | None = parameter(None, 'loads at rest')
-    rest: Rest = parameter(Rest(), 'reading at rest')
+    repeatability: PassesOfLoad | None = parameter(None, 'repeated passes of one load')
+    static: Static | None = parameter(None, 'readings of loads at rest')
+    rest: Rest = parameter(Rest(), 'settings of the readings at rest')
 
     def __post_init__(self) -> None:
         self._check_class()
         _check_distinct([f'{each:g}' for each in self.speeds_m_per_min], 'speeds_m_per_min')
         for load in self._known(self.loads, 'loads'):
             if not self.min_g <= load.mass_g * _ROUNDING or load.mass_g > self.max_g * _ROUNDING:
-                raise SettingsError(f'{load.name}, {load.mass_g:g} g, is not in Min..Max', 'loads')
+                text = f'{load.name}, {load.mass_g:g} g, is not between Min and Max'
+                raise SettingsError(text, 'loads')
         for load in self._known(self.static.loads if self.static else (), 'static', 'loads'):
             if load.mass_g > self.max_g * _ROUNDING:
                 text = f'{load.name}, {load.mass_g:g} g, is above Max'
@@ -208,7 +213,7 @@ class Plan(Settings):
 
     @property
     def prepackages(self) -> tuple[Suitability, ...]:
-        """Comparison of the class with the error allowed for each nominal quantity."""
+        """Comparison of the error of the class with the allowed error, by nominal quantity."""
         return tuple(suitability(self.accuracy_class, each / GRAMS) for each in self.prepackages_g)
 
     @property
@@ -238,7 +243,7 @@ class Plan(Settings):
 
     def _check_class(self) -> None:
         if not 0 < self.min_g < self.max_g:
-            raise SettingsError(f'{self.min_g:g}, must be above 0 and below max_g', 'min_g')
+            raise SettingsError(f'{self.min_g:g} must be above 0 and below max_g', 'min_g')
         try:
             own = self.accuracy_class
         except ValueError as error:
@@ -272,7 +277,10 @@ class Plan(Settings):
                 raise SettingsError(text, key)
 
     def _known(self, names: Sequence[str], *path: object) -> list[Mass]:
-        """Return the reference masses with some names. Raises `SettingsError` if one is unknown."""
+        """Return the reference masses with the given names.
+
+        Raises `SettingsError` if a name is unknown or is listed twice.
+        """
         for name in names:
             if name not in self.references:
                 text = f'{name!r} is not one of the references {", ".join(self.references)}'
@@ -284,7 +292,7 @@ class Plan(Settings):
 def read_plan(text: str) -> Plan:
     """Return the plan in a YAML text. Raises `SettingsError` if the text is not a valid plan."""
     if len(text) > LONGEST:
-        raise SettingsError(f'{len(text)} characters, at most {LONGEST}: shorten the comments')
+        raise SettingsError(f'{len(text)} characters are too many; at most {LONGEST} are allowed')
     with opened(text) as content:
         return settings_of(Plan, content)
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Reader for the bag of a verification, with the plan and the readings of each step."""
+"""Reader of the bag of a verification, which contains the plan and the readings of each step."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -30,7 +30,8 @@ from checkweigher_validation.verification.plan import Plan, read_plan
 from checkweigher_validation.verification.reweighing import conflicts, is_weighed
 from checkweigher_validation.verification.steps import Step, steps_of
 
-# Keys of the identity in a bag, which has the program that recorded the bag, and digests of files.
+# Keys of the identity record in a bag. The record contains the name of the program that recorded
+# the bag, and digests of files.
 IDENTITY = (
     'program',
     'program_sha256',
@@ -38,17 +39,17 @@ IDENTITY = (
     'audit_log',
     'audit_log_sha256',
     'audit_log_last_hash',
-    'audit_log_calibration',  # of the calibration in the log before the first step
+    'audit_log_calibration',  # digest of the latest calibration before the first step
     'how',
 )
-_NEWER = {'audit_log_calibration': None}  # fields that are missing in bags of older versions
+_NEWER = {'audit_log_calibration': None}  # defaults of keys that bags of older versions lack
 OF_BAGS = 'of recorded bags'  # value of `how` if the steps were recorded one by one
 SAMPLES_LOST, SATURATED, TOO_SHORT = 'SamplesLost', 'Saturated', 'TooShort'
 
 
 @dataclass(frozen=True, slots=True)
 class ItemPass:
-    """One pass of an item. Masses are in kg, and NaN if they are unknown."""
+    """One pass of an item. Masses are in kg; an unknown mass is NaN."""
 
     stamp: int  # t1 in ns, or t3 if t1 is unknown
     mass: float
@@ -66,7 +67,7 @@ class ItemPass:
 class AtRest:
     """Reading of a load at rest in kg, relative to the zero of calibration."""
 
-    mass: float  # mean of the samples; all values are NaN if there is no valid reading
+    mass: float  # mean of the samples; all masses are NaN if there is no valid reading
     std_error: float  # standard error of the mean, from the means of ten successive batches
     noise: float  # standard deviation of the samples
     samples: int
@@ -75,7 +76,7 @@ class AtRest:
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """Attempt at a step."""
+    """Attempt at a step, with the passes of a load or a reading at rest."""
 
     step: Step
     begin: int  # ns
@@ -104,7 +105,10 @@ class Procedure:
 
 
 def digest_of(values: object) -> str:
-    """Return the SHA-256 of plain values, hexadecimal. Equal values have the same digest."""
+    """Return the SHA-256 digest of JSON values as hexadecimal text.
+
+    Equal values have the same digest.
+    """
     text = json.dumps(values, sort_keys=True, separators=(',', ':'))
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -112,7 +116,8 @@ def digest_of(values: object) -> str:
 def read_procedure(path: Path) -> Procedure:
     """Read the bag of a verification.
 
-    Raises `BagError` if the bag is damaged or is not of a verification.
+    Raises `BagError` if the bag is damaged, if it was not recorded by a verification, or if its
+    plan or its identity record is not valid.
     """
     found = read_records(
         path, ports.VERIFICATION, ports.MASS_ESTIMATE, ports.VERDICT, ports.ZERO_SETTING
@@ -152,7 +157,7 @@ def read_procedure(path: Path) -> Procedure:
 def item_passes(
     estimates: Iterable[MassEstimate], verdicts: Iterable[Verdict]
 ) -> tuple[ItemPass, ...]:
-    """Return the passes of verdicts in order of entry, with the speeds of their estimates."""
+    """Return a pass for each verdict, in order of entry, with the speed of its estimate."""
     speeds = {(each.item_id, each.t1): each.belt_speed for each in estimates}
     items = [
         item_pass(each, speeds.get((each.estimate_id, each.t1), math.nan)) for each in verdicts
@@ -161,7 +166,7 @@ def item_passes(
 
 
 def item_pass(verdict: Verdict, speed: float) -> ItemPass:
-    """Return the pass of a verdict, without a mass if the item was not weighed."""
+    """Return the pass of a verdict. The mass is NaN if the item was not weighed."""
     weighed = is_weighed(verdict)
     reasons = () if weighed else tuple(verdict.reasons) or ('Unknown',)
     mass, std_dev = (verdict.mass, verdict.std_dev) if weighed else (math.nan, math.nan)
@@ -199,7 +204,7 @@ def _attempts(
 
 
 def _reading(recording: Recording, begin: int, end: int) -> AtRest:
-    """Return the reading from all blocks between two times in ns."""
+    """Return the reading from all sample blocks between two times in ns."""
     cell, blocks = recording.load_cell, BlockColumns.of(recording.blocks)
     durations = (blocks.lengths * (NANOSECONDS / cell.sample_rate)).astype(np.int64)
     inside = np.flatnonzero((blocks.stamps >= begin) & (blocks.stamps + durations <= end))

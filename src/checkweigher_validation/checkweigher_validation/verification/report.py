@@ -1,9 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Report of a verification as plain values that satisfy `report.schema.json`.
+"""Report of a verification as JSON values that satisfy `report.schema.json`.
 
-The report is computed only from the bag of the verification. The same bag gives the same report,
-byte for byte, at any time and on any computer.
+The report is computed only from the bag of the verification. With the same versions of the program
+and of its libraries, the same bag gives the same report, byte for byte, at any time and on any
+computer.
 """
 
 from collections.abc import Mapping, Sequence
@@ -31,12 +32,12 @@ from checkweigher_validation.verification.procedure import (
 SCHEMA = 'checkweigher-verification/1'
 Values = dict[str, Any]
 
-# Texts of the report: a statement, the checks that software cannot make, and the sources.
+# Texts of the report: a statement, the tests that software cannot make, and the sources.
 _TEXTS = yaml.safe_load((files(__package__) / 'report_texts.yaml').read_text(encoding='utf-8'))
 
 
 def report_of(procedure: Procedure) -> Values:
-    """Return the report of a verification as plain values. An unknown value is None."""
+    """Return the report of a verification as JSON values. An unknown value is None."""
     found = outcome_of(procedure)
     cell, identity = asdict(procedure.load_cell), procedure.identity
     stamps = [stamp for each in procedure.attempts for stamp in (each.begin, each.end)]
@@ -117,7 +118,7 @@ def as_json(report: Mapping[str, Any]) -> str:
 
 
 def _step(result: Result, first: Result | None = None) -> Values:
-    """Return the values of an attempt. `first` is the first result of the warm-up."""
+    """Return the attempt for the report. `first` is the first result of the warm-up."""
     attempt, step = result.attempt, result.attempt.step
     after = None
     if first is not None and step.minutes is not None:
@@ -178,7 +179,7 @@ def _fault_between(item: ItemPass, attempts: Sequence[Attempt]) -> Values:
 
 
 def _in_grams(record: object, *names: str) -> Values:
-    """Return some fields of a record, whose values in kg are converted to g."""
+    """Return the fields `names` of a record, converted from kg to g."""
     return {f'{name}_g': _grams(getattr(record, name)) for name in names}
 
 

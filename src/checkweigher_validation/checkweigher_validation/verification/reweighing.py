@@ -24,8 +24,10 @@ from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_validation.accuracy.passes import SAME_ITEM
 from checkweigher_validation.accuracy.results import ItemResult, weigh
 
-_TOLERANCE = 0.2  # largest difference of a mass that is weighed again, in verification intervals
-_MOST = 3  # largest number of items that are named
+# Largest difference between the mass in a verdict and the mass that is computed again from the
+# samples, in verification scale intervals e.
+_TOLERANCE = 0.2
+_MOST = 3  # largest number of items that a sentence names
 
 
 def conflicts(
@@ -38,9 +40,9 @@ def conflicts(
 ) -> Iterator[str]:
     """Yield a sentence for each kind of conflict between verdicts, estimates and samples.
 
-    `identity` is the identity in the bag, with the parameters of the nodes. `interval` is the
-    verification scale interval in kg. `begins` are the start times in ns of the recordings if they
-    were weighed separately.
+    `identity` is the identity record of the bag, which contains the parameters of the nodes.
+    `interval` is the verification scale interval e in kg. `begins` contains the start times in ns
+    of the recordings if several recordings were weighed separately.
     """
     masses = {(each.item_id, each.t1): each.mass for each in estimates}
     other = [
@@ -67,7 +69,10 @@ def conflicts(
 
 
 def _cut(recording: Recording, begins: Sequence[int]) -> Iterator[Recording]:
-    """Yield the parts of a recording that begin at the times `begins` in ns."""
+    """Yield the parts of a recording that begin at the times `begins` in ns.
+
+    If `begins` is empty, yields the whole recording.
+    """
     if not begins:
         yield recording
         return
@@ -113,7 +118,7 @@ def _compared(
             without.append(f'item {item.estimate.item_id} of the samples: {_grams(mass)}')
             continue
         found.add(number)
-        if abs(known[number][1] - mass) > tolerance:  # false for an item without a mass
+        if abs(known[number][1] - mass) > tolerance:  # False if the known mass is NaN
             differ.append(f'{_grams(known[number][1])}, weighed again {_grams(mass)}')
     others = [mass for number, (_, mass) in enumerate(known) if number not in found]
     lacking = [_grams(mass) for mass in others if not math.isnan(mass)]
@@ -123,7 +128,7 @@ def _compared(
 
 
 def _known(verdicts: Sequence[Verdict]) -> list[tuple[int, float]]:
-    """Return t1 in ns and mass in kg of each verdict with a t1, in order; the mass may be NaN."""
+    """Return t1 in ns and the mass in kg, which may be NaN, of each verdict with a t1, by t1."""
     masses = [(each.t1, each.mass if is_weighed(each) else math.nan) for each in verdicts]
     return sorted((t1, mass) for t1, mass in masses if t1 is not None)
 

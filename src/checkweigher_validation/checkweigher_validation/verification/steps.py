@@ -3,7 +3,7 @@
 """Steps of a verification, with an instruction to the operator for each step.
 
 The tests have the order of the test report in OIML R 51-2:2006, of which only the table of contents
-was available. The test of the zero is an exception: it precedes the tests that depend on the zero.
+was available, with one exception: the test of the zero precedes the tests that depend on the zero.
 """
 
 from collections.abc import Iterator
@@ -14,7 +14,7 @@ from checkweigher_validation.verification.plan import MINUTE, Mass, Plan
 
 
 class StepKind(StrEnum):
-    """Test to which a step belongs."""
+    """Test, or part of a test, to which a step belongs."""
 
     WARM_UP_ZERO = 'warm-up, zero'
     WARM_UP = 'warm-up, passes'
@@ -29,7 +29,7 @@ class StepKind(StrEnum):
 
 
 _PASS = 'Run the belt at {speed:g} m/min and let {load} pass'
-# Instructions to the operator.
+# Instruction to the operator for each kind of step, as a format string.
 _TO_DO = {
     StepKind.WARM_UP_ZERO: 'Leave the belt empty',
     StepKind.WARM_UP: _PASS,

@@ -48,7 +48,7 @@ def test_steps_go_from_the_warm_up_to_the_zero_after_the_loads():
         ('e_g: 0.1 ', 'e_g: 0.3 ', 'e: 0.3 g is not 1, 2 or 5 x 10^k'),
         ('e_g: 0.1 ', 'e_g: 5 ', 'e: 5 g gives 120 intervals for a Max of 600 g, but class'),
         ('e_g: 0.1 ', 'e_g: 10 ', 'needs at least 500'),
-        ('max_g: 600', 'max_g: 50', 'min_g: 60, must be above 0 and below max_g'),
+        ('max_g: 600', 'max_g: 50', 'min_g: 60 must be above 0 and below max_g'),
         ('[250, 500]', '[700]', 'prepackages_g: 700 g is above Max, 600 g'),
         ('[250, 500]', '[500, 500]', 'prepackages_g: 500 is listed twice'),
         ('[250, 500]', '[2]', 'prepackages_g: 2 is not in 5..10000'),
@@ -58,7 +58,7 @@ def test_steps_go_from_the_warm_up_to_the_zero_after_the_loads():
             'prepackages_g: 250 g may be checked by a scale whose error in service is at most '
             '1.8 g (FPackV, Annex 7); that of XIII with e = 2 g is 2 g',
         ),
-        ('max_g: 600', 'max_g: 300', 'line 37: loads: large, 500 g, is not in Min..Max'),
+        ('max_g: 600', 'max_g: 300', 'line 37: loads: large, 500 g, is not between Min and Max'),
         ('loads: [small,', 'loads: [tiny,', "loads: 'tiny' is not one of the references small"),
         ('loads: [small,', 'loads: [large,', 'loads: large is listed twice'),
         ('operator: A. Tester', 'operator: 7', 'operator: 7 is not one line of text'),
