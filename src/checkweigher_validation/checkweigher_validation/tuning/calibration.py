@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Gain, offset and uncertainty of an estimator from training passes.
 
-The objective of all tuning is ``|mean error| + 3 sigma`` of Long et al., averaged over the masses.
+The objective of all tuning is the overall index ``A = |mean error| + 3 sigma`` of Long et al.,
+averaged over the masses.
 """
 
 from dataclasses import dataclass
@@ -13,12 +14,14 @@ from numpy.typing import NDArray
 
 from checkweigher_validation.accuracy.errors import overall_index
 
-# Masses with fewer passes are combined, because their standard deviations are too uncertain.
+# Combine masses with fewer passes, because their separate standard deviations are too uncertain.
 _FEWEST_OF_A_MASS = 5
 _FEWEST_FOR_OFFSET = 6  # smallest number of passes to fit gain and offset
 _DISTINCT_MASSES = 1.2  # masses are distinct above this ratio of the heaviest to the lightest
 _FOLDS = 5
-_PRIOR = 1.2  # rate of the exponential prior of the share, whose mean on [0, 1] is then 0.4
+# Rate of the exponential prior of the share of the variance that is proportional to mass**2. On
+# [0, 1], the mean of this prior is 0.4.
+_PRIOR = 1.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,8 +47,8 @@ class Uncertainty:
 def calibrate(estimates: NDArray[np.float64], masses: NDArray[np.float64]) -> Calibration:
     """Return the calibration with the least sum of squared errors.
 
-    `estimates` and `masses` are in kg, (n,), without NaN. The offset is 0 if there are few passes
-    or their masses hardly differ.
+    `estimates` and `masses` are in kg, (n,), without NaN. The offset is 0 if there are fewer than
+    six passes, or if `are_distinct` returns False for their masses.
     """
     if len(masses) >= _FEWEST_FOR_OFFSET and are_distinct(masses):
         slope, intercept = np.polyfit(estimates, masses, 1)
@@ -59,7 +62,7 @@ def are_distinct(masses: NDArray[np.float64]) -> bool:
 
 
 def index(errors: NDArray[np.float64], masses: NDArray[np.float64]) -> float:
-    """Return A in kg, averaged over the masses. Masses with few passes are combined."""
+    """Return the index A in kg, averaged over the masses. Masses with few passes are combined."""
     values, counts = np.unique(masses, return_counts=True)
     groups = [errors[masses == value] for value in values[counts >= _FEWEST_OF_A_MASS]]
     rest = errors[np.isin(masses, values[counts < _FEWEST_OF_A_MASS])]
@@ -73,7 +76,7 @@ def _spread(errors: NDArray[np.float64]) -> float:
 
 
 def calibrated_index(estimates: NDArray[np.float64], masses: NDArray[np.float64]) -> float:
-    """Return A in kg after a calibration on the same passes.
+    """Return the index A in kg after a calibration on the same passes.
 
     Returns infinity if the estimate of a pass is not positive or not finite.
     """
@@ -95,7 +98,7 @@ def folds(masses: NDArray[np.float64], count: int) -> NDArray[np.intp]:
 def held_out_errors(
     estimates: NDArray[np.float64], masses: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the errors of passes in kg, (n,), each with a calibration on other passes."""
+    """Return the errors of passes in kg, (n,), each after a calibration on other passes."""
     errors = np.empty(len(masses))
     fold = folds(masses, _FOLDS)
     for number in np.unique(fold):
@@ -107,12 +110,13 @@ def held_out_errors(
 def uncertainty(errors: NDArray[np.float64], masses: NDArray[np.float64]) -> Uncertainty:
     """Estimate the uncertainty of a mass from the errors of held-out passes, (n,) in kg.
 
-    The variance is the maximum-likelihood estimate for the expected value of the share that is
-    proportional to mass**2. The prior of the share is exponential, with a mean of 0.4. This mean is
-    used if all passes have one mass, from which nothing can be learned about other masses; the
-    intervals of much lighter products may then be too narrow (docs/accuracy.md). The uncertainty is
-    increased by the ratio of the 97.5 % quantiles of Student's t and the normal distribution,
-    because the standard deviation of few errors is itself uncertain. [own derivation]
+    A share of the variance is proportional to mass**2. The share is estimated by its posterior
+    mean, with an exponential prior whose mean is 0.4. The variance is then the maximum-likelihood
+    estimate for this share. If all passes have one mass, the share is the prior mean, because
+    nothing can be learned about other masses. The intervals of much lighter products may then be
+    too narrow (docs/accuracy.md). The uncertainty is multiplied by the ratio of the 97.5 %
+    quantiles of Student's t and the normal distribution, because the standard deviation of few
+    errors is itself uncertain. [own derivation]
     """
     from scipy.stats import norm, t  # imported late, because the import is slow
 
@@ -133,7 +137,7 @@ def _growth(share: float, ratios: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _badness(share: float, errors: NDArray[np.float64], ratios: NDArray[np.float64]) -> float:
-    """Return -2 ln(likelihood) per error, apart from a constant, of the best variance."""
+    """Return -2 ln(likelihood) per error for the most likely variance, up to a constant."""
     growth = _growth(share, ratios)
     variance = max(float(np.mean(errors**2 / growth)), 1e-300)
     return math.log(variance) + float(np.mean(np.log(growth)))

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Choice among tuned estimators by their errors on passes that were not used for tuning.
 
-The default parameters without training are a candidate, so that tuning never makes a line worse.
+The default parameters without training are a candidate as well, so that a tuned estimator is chosen
+only if it is better than the default.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,9 +30,10 @@ _LEAST = 1e-12  # smallest A in kg, to avoid the logarithm of 0
 def with_untrained(
     tuned: Mapping[str, Tuned], groups: Sequence[SpeedGroup], base: LineParameters
 ) -> dict[str, Tuned]:
-    """Return `tuned` with `base` without training as the first entry, if it weighs all passes.
+    """Return `tuned`, with untrained `base` as the first entry if it weighs all passes.
 
-    `groups` contains the training passes, cut with the parameters `base`.
+    `groups` contains the training passes, cut with the parameters `base`. Untrained `base` is also
+    omitted if the number of its passes at a speed differs from that of a tuned estimator.
     """
     default = untrained(groups, base)
     weighed = all(np.all(np.isfinite(speed.held_out_errors)) for speed in default.speeds)
@@ -42,16 +44,17 @@ def with_untrained(
 
 
 def choose(tuned: Mapping[str, Tuned]) -> tuple[str, str]:
-    """Return the name of the chosen estimator, and the reason of the choice in one line.
+    """Return the name of the chosen estimator, and the reason for the choice in one line.
 
-    The best estimator is that with the smallest A on held-out passes, as the geometric mean over
-    the belt speeds. A simpler estimator is chosen instead if its ln A, plus one standard error of
-    the difference, exceeds that of the best by a negligible amount. This is not a significance
-    test: in about one such choice in six, the difference is not negligible. The standard error is
-    computed by a jackknife over blocks of passes. It is large with few passes, so that the best
-    estimator is chosen. Disturbances cancel in the difference, because both estimators weigh the
-    same passes. If `tuned` contains the parameters without training, they are chosen unless the A
-    of another estimator is smaller by more than one standard error. [own derivation]
+    The best estimator is that with the smallest A on held-out passes, averaged over the belt speeds
+    by the geometric mean. A simpler estimator is chosen instead if its ln A exceeds that of the
+    best by a negligible amount, even after one standard error of the difference is added. This is
+    not a significance test: in about one such choice in six, the difference is not negligible. The
+    standard error is computed by a jackknife over blocks of passes. With few passes, it is so large
+    that the best estimator is chosen. Disturbances cancel in the difference, because both
+    estimators weigh the same passes. The parameters without training, if `tuned` contains them,
+    count as the simplest estimator. They are also chosen if the ln A of the best estimator is
+    smaller by at most one standard error. [own derivation]
 
     Raises `ValueError` if `tuned` is empty.
     """

@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tuning of the Gauss-Markov estimator, which has a model of the platform and a model of the noise.
 
-First, the model of the platform is fitted to passes of known mass by nonlinear least squares. The
-noise is whitened with an autoregression of the empty-belt signal. Then the noise model is learned
-from the residuals of the passes. The order of the noise model is searched.
+First, the model of the platform is fitted to passes of known mass by nonlinear least squares. For
+this fit, the noise is whitened with an autoregression of the empty-belt signal. Then the noise
+model is learned from the residuals of the passes. The order of the noise model is found by a
+search.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -33,12 +34,14 @@ from checkweigher_validation.tuning.tunables import Tunable, TuningError
 ORDERS = (20, 40, 80, 120, 160, 200)
 _CHECKED_PASSES = 40  # number of passes of each speed to decide whether the platform model is used
 _CHECKED_ORDER = 40
-_STABLE = 1 - 1e-6  # largest reflection coefficient, which the file must not round to 1
+# Largest magnitude of a reflection coefficient. A value closer to 1 would be rounded to 1 in the
+# parameter file, and the filter would be unstable.
+_STABLE = 1 - 1e-6
 _FIRST_ORDER = 40
 _PASSES_FOR_PLATFORM = 20  # number of passes of each speed to fit the platform
 _PASSES_FOR_START = 4
 _FREQUENCIES = np.geomspace(8.0, 120.0, 28)  # natural frequencies in Hz to start the fit with
-_LEAST_NOISE = 1e-9  # largest range in kg of a signal that is considered to have no noise
+_LEAST_NOISE = 1e-9  # smallest peak-to-peak value in kg of a signal that is considered noisy
 _FREE = (1.0, 1.0, 1.0, 1.0, 1.0)  # wide prior standard deviations of oscillations and zero in kg
 # Bounds of the fitted values: ln(natural frequency in Hz), ln(damping ratio), ln(moving mass /
 # heaviest product), and the parameters entry_begin and entry_end in mm.
@@ -51,7 +54,7 @@ class TunedGaussMarkov(Tunable):
 
     @property
     def is_closed_form(self) -> bool:
-        """Whether nothing is searched, here False because of the order of the noise model."""
+        """Whether nothing is searched: False, because the order of the noise model is searched."""
         return False
 
     @classmethod
@@ -67,7 +70,10 @@ class TunedGaussMarkov(Tunable):
     def search(
         self, badness: Callable[[Mapping[str, float]], float], budget: int
     ) -> tuple[Values, float]:
-        """Return the order of the noise model with the smallest badness, and this badness."""
+        """Return the order of the noise model with the smallest badness, and this badness.
+
+        Without a platform model, no order is returned.
+        """
         if not self.known.sample_rate:
             return {}, badness({})
         longest = min(len(pass_signal(window, self.known).time) for window in self.windows) // 2
@@ -76,7 +82,7 @@ class TunedGaussMarkov(Tunable):
         return {'order': float(order)}, least
 
     def learn(self, rows: NDArray[np.intp], values: Mapping[str, float]) -> dict[str, Any]:
-        """Return the noise model of the passes `rows`, or its default without a platform model."""
+        """Return the noise model of the passes `rows`, or the default without a platform model."""
         if not self.known.sample_rate:
             names = ('order', 'reflection', 'noise', 'impact')
             return {name: getattr(GaussMarkovParameters(), name) for name in names}
@@ -87,7 +93,7 @@ class TunedGaussMarkov(Tunable):
         return {'order': order, 'reflection': reflection, 'noise': (std_dev,), 'impact': (impact,)}
 
     def lists(self, values: Mapping[str, float]) -> dict[str, tuple[float, ...]]:
-        """Return the noise model of all passes, with coefficients of 0 up to the largest order."""
+        """Return the noise model of all passes, padded with zeros to the largest order."""
         model = self.learn(np.arange(len(self.windows)), values)
         order = model.pop('order')
         if self.known.sample_rate:
@@ -98,9 +104,9 @@ class TunedGaussMarkov(Tunable):
 def _held_out_index(groups: Sequence[SpeedGroup], base: LineParameters) -> float:
     """Return A in kg on some passes, each of which is weighed with a noise model of other passes.
 
-    A is infinite if a pass gets no mass. The value shows whether the platform model of `base` is
-    useful. A platform model may increase the errors if there are few passes, or if disturbances
-    mask the response of the platform.
+    A is infinite if a pass gets no mass. A comparison of A with and without a platform model shows
+    whether the model is useful. A platform model may increase the errors if there are few passes,
+    or if disturbances mask the response of the platform.
     """
     indices = []
     for group in groups:
@@ -137,7 +143,8 @@ def fit_platform(
         )
 
     def chosen(count: int) -> list[tuple[Prewhitener, KnownPass, PassSignal]]:
-        # The fit needs the same samples in each step, although they depend on the entry positions.
+        # Choose the samples only once, with the entry positions in `known`, because the residuals
+        # must be of the same samples in each step of the fit.
         return [
             (whiteners[group.speed], each, pass_signal(each.window, known))
             for group in groups
@@ -228,11 +235,14 @@ def _first_whitener(group: SpeedGroup, known: GaussMarkovParameters) -> Prewhite
 def _reflections(
     segments: Sequence[NDArray[np.float64]], order: int, group: SpeedGroup
 ) -> tuple[NDArray[np.float64], float]:
-    """Return the autoregression of noise signals. Raises `TuningError` if they have no noise."""
+    """Return the reflection coefficients and the innovation standard deviation of noise signals.
+
+    Raises `TuningError` if the signals contain no noise, or are too short for the order.
+    """
     try:
         # Rounding errors of a constant signal are not regarded as noise.
         if max(float(np.ptp(segment)) for segment in segments) < _LEAST_NOISE:
-            raise ValueError('the signals hold no noise')
+            raise ValueError('the signals contain no noise')
         return pooled_reflections(segments, order)
     except ValueError as error:
         raise TuningError(f'gauss_markov at {60 * group.speed:.1f} m/min: {error}') from None

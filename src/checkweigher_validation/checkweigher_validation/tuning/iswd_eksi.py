@@ -21,14 +21,15 @@ _PLATFORM = ('natural_frequency', 'damping_ratio')
 
 
 class TunedIswdEksi(Tunable):
-    """Tuning of ISWD-EKSI, which includes the shrinkage table and the platform of the denoiser.
+    """Tuning of ISWD-EKSI, including the shrinkage table and the platform model of the denoiser.
 
     The factor of band 5 and the thresholds are searched only if their values in `base` are
-    positive, as in Table 1 of the paper (Long et al.). R, Q and P0 do not change.
+    positive, as in Table 1 of the paper (Long et al.). The covariances R, Q and P0 of the
+    Kalman filter are not tuned.
     """
 
     def searched(self) -> tuple[Axis, ...]:
-        """Return the axes of the search, including those of positive thresholds of `base`."""
+        """Return the axes of the search, including those of the positive values in `base`."""
         found = list(self.estimator.axes)
         for name in ('gamma5', 'lambda5', 'lambda6', 'lambda7'):
             start = self.start(Axis(name, 0.0, 0.0, 0.0))
@@ -52,7 +53,7 @@ class TunedIswdEksi(Tunable):
         windows = Denoiser(self._denoise(values)).denoise_all(self.windows)
         own = {'rise_noise': (values['rise_noise'],), 'doubt': False}
         loads = self.estimator(self.known.for_speed(self.group.speed, own)).estimate_all(windows)
-        # The identifier does not accept an unstable platform either.
+        # Return NaN for an unstable platform, because the identifier does not accept it either.
         return np.array([each.mass if is_stable(each.a1, each.a2) else math.nan for each in loads])
 
     def lists(self, values: Mapping[str, float]) -> dict[str, tuple[float, ...]]:

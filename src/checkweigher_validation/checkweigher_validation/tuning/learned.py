@@ -1,20 +1,24 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-r"""Tuning of the learned estimator: the covariance of the signal of a pass about its load.
+r"""Tuning of the learned estimator, whose weights follow from a covariance C of the signal.
 
-.. math:: C = R'R + a N + \sigma^2 (b I + c E + d K_r + e K_j + f K_b) + n (d d' + z^2 1 1')
+.. math:: C = R'R + a N + \sigma^2 (b I + c E + d K_r + e K_j + f K_b) + n (u u' + z^2 1 1')
 
 R contains the residuals of the n passes of a speed from their mean curve, and :math:`\sigma^2` is
-the mean of the variances of R. The other terms dominate if there are few passes. Each coefficient
-is the number of passes that a term is worth. N is the covariance of the noise of the empty belt, I
-is white noise, and E contains the residuals of the other speeds at the same positions on the belt.
-The terms K are models of damped swings that begin during the entry, jitter of the edges (the curve
-moved or stretched), and an uneven rise (a Brownian bridge from t1 to t2). d is the change of the
-curve for a heavier product, whose oscillation is slower. It is 0 if the masses differ enough, so
-that R contains this change. z is the standard deviation of the zero, whose error is nearly equal in
-successive passes and thus not visible in R. The weights are averaged over a grid and random points
-of the coefficients. Each point is weighted by the likelihood of the passes, where each pass is
-weighed with the weights of the other passes. [own derivation]
+the mean of the variances of R. The other terms dominate if there are few passes. Each of the
+coefficients a to f is the number of passes to which its term is equivalent. N is the covariance of
+the noise of the empty belt, and the identity matrix I is that of white noise. E is the normalized
+covariance of the residuals at the other speeds, at the same positions on the belt. K_r, K_j and K_b
+are models of the covariance of three disturbances: damped swings that begin during the entry,
+jitter of the edges (the curve moved or stretched), and an uneven rise (a Brownian bridge from t1 to
+t2). The vector u is the change of the curve for a heavier product, whose oscillation is slower. It
+is 0 if the masses differ enough, because R then contains this change. z is twice the stated
+standard deviation of the zero. The error of the zero is nearly equal in successive passes, and thus
+not visible in R.
+
+The weights are averaged over a grid and random points of the coefficients. Each point is weighted
+by the likelihood of the passes, in which each pass is weighed with weights that are learned from
+the other passes. [own derivation]
 """
 
 from collections.abc import Mapping, Sequence
@@ -43,8 +47,8 @@ from checkweigher_validation.tuning.calibration import are_distinct, calibrate
 from checkweigher_validation.tuning.tunables import Tunable
 
 _LONGEST_LEAD = 0.75  # longest used signal before t1, as a multiple of t3 - t1
-_ALONE = 0.02  # fraction of the training passes that may have a shorter gap before the product
-_LESS = 0.95  # ratio of the gap that is required in production to that of the training passes
+_ALONE = 0.02  # quantile of the gaps before the products of the training passes at a speed
+_LESS = 0.95  # ratio of the gap that is required in production to this quantile
 _FEWEST = 3  # smallest number of passes from which weights are learned
 _SLOWER = 0.01  # assumed relative difference of the natural frequency between products
 _ZERO = 2.0  # ratio of z to the standard deviation of the zero that the segmenter states
@@ -53,7 +57,7 @@ _LEAST_VARIANCE = 1e-18  # smallest variance in kg^2.
 _GRID = tuple(
     product((0.0, 1.0, 10.0, 100.0), (0.01, 0.1, 1.0, 10.0), (0.0, 0.1, 1.0), *[(0.0,)] * 3)
 )
-# Ranges of a to f for the random points, and their number.
+# Ranges of the coefficients a to f for the random points, and the number of these points.
 _RANGES = ((2.0, 100.0), (3e-3, 10.0), (3e-3, 1.0), (3e-3, 3.0), (3e-3, 10.0), (1e-2, 10.0))
 _RANDOM = 64
 _SEED = 1
@@ -85,7 +89,7 @@ class Evidence:
 
     @property
     def curve(self) -> NDArray[np.float64]:
-        """Mean features of a pass per mass, (k,)."""
+        """Features per kg of load, (k,), fitted to the passes by least squares."""
         return np.asarray(self.masses @ self.features / (self.masses @ self.masses))
 
     @property
@@ -105,13 +109,13 @@ _MATRICES = ('noise', 'elsewhere', 'swings', 'rise')  # terms of `Prior` with th
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """Terms of the covariance that do not depend on the passes of the speed."""
+    """Terms of the covariance that do not depend on the residuals R of the speed."""
 
     noise: NDArray[np.float64]  # covariance of the noise of the empty belt, (k, k), in kg^2
-    elsewhere: NDArray[np.float64]  # normalized sum of R_o'R_o over the other speeds, (k, k)
+    elsewhere: NDArray[np.float64]  # sum of the normalized R'R of the other speeds, (k, k)
     swings: NDArray[np.float64]  # covariance of damped swings, (k, k), with a mean variance of 1
     rise: NDArray[np.float64]  # covariance of an uneven rise, (k, k), with a mean variance of 1
-    time: NDArray[np.float64]  # time of each feature since t1, (k,), in features
+    time: NDArray[np.float64]  # time of each feature after t1, (k,), in durations of a feature
     zero: float = 0.0  # variance z^2 of the zero in kg^2
 
     def last(self, count: int) -> 'Prior':
@@ -150,9 +154,10 @@ class CrossValidatedFit:
 
 
 def fit(known: Evidence, prior: Prior) -> CrossValidatedFit:
-    """Return weights that are averaged over the points by the likelihood of held-out passes."""
+    """Return the fit, averaged over the points by their likelihood on held-out passes."""
     masses, curve, residuals = known.masses, known.curve, known.residuals
-    # Ratio of the residual from the curve of the other passes to that from the curve of all.
+    # Ratio of the residual of a pass from the curve of the other passes to its residual from the
+    # curve of all passes.
     others = 1 / (1 - masses**2 / (masses @ masses))
     pairs = [held_out(each, curve, residuals, others) for each in covariances(known, prior)]
     weights, errors = (np.array(each) for each in zip(*pairs, strict=True))
@@ -210,7 +215,10 @@ class TunedLearned(Tunable):
 
     @cached_property
     def _fits(self) -> tuple[CrossValidatedFit, CrossValidatedFit | None]:
-        """Return the fit to the features after t2, and the fit to all features, or None."""
+        """Fit to the features after t2, and fit to all features.
+
+        The latter is None if the signal before t2 is used in too few passes.
+        """
         layout = self.known.layout
         prior = self._prior(layout)
         alone = fit(_evidence(self.group, Layout(0, 0, layout.window)), prior.last(layout.window))

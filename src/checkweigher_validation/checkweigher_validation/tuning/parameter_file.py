@@ -30,10 +30,11 @@ def parameter_file(
 ) -> str:
     """Return the text of a parameter file.
 
-    The file has all parameters of the tuned estimators, and all other parameters that differ from
-    their defaults. The first estimator of `tuned` is selected in the file, for a `reason` in one
-    line. `source` has a line for each set of training passes. `made` is the time of tuning, by
-    default now. `compared` has the estimators in the table of accuracies, by default `tuned`.
+    The file contains all parameters of the tuned estimators, and all other parameters that differ
+    from their defaults. The first estimator of `tuned` is selected in the file, and `reason` is the
+    reason for this choice in one line. `source` contains a line for each set of training passes.
+    `made` is the time of tuning, by default now. `compared` contains the estimators in the table of
+    accuracies, by default `tuned`.
     """
     made = made or datetime.now(UTC)
     lines = [

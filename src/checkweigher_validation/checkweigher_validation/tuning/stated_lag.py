@@ -26,7 +26,9 @@ def stated_lag(passes: Sequence[KnownPass], segmenter: SegmenterParameters) -> S
     The learned parameters of an estimator are valid for this lag only. The windows of `passes` must
     have been cut by the photo-eyes alone. The lag is modelled as a delay plus a distance divided by
     the belt speed. This model is fitted by least squares to the median lag at each speed, and its
-    largest residual is added to the tolerance. Passes whose lag is unknown are ignored.
+    largest residual is added to the tolerance. Passes whose lag is unknown are ignored. With passes
+    of one speed, only the delay is fitted. `segmenter` is returned unchanged if its tolerance is 0,
+    or if fewer than three passes of each speed have a known lag.
     """
     rows = []
     for group in group_by_speed(passes):

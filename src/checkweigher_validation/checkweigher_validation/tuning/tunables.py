@@ -23,7 +23,7 @@ class TuningError(ValueError):
 
 
 def estimates_of(group: SpeedGroup, parameters: LineParameters) -> NDArray[np.float64]:
-    """Return the loads that the selected estimator finds, before gain and offset, (n,) in kg."""
+    """Return the estimates of the selected estimator before gain and offset, (n,) in kg."""
     identifier = parameters.identifier
     estimator = METHODS[identifier.estimator](identifier.chosen)
     windows = [each.window for each in group.passes]
@@ -36,8 +36,9 @@ class Tunable:
     """Estimator to be tuned on the passes of one belt speed, `group`.
 
     The class of the estimator defines which parameters are searched and which are learned.
-    Subclasses are for estimators that also need the passes at other speeds, or a model of the
-    machine. `groups` has the passes at all speeds, and `base` the parameters that are not tuned.
+    Subclasses are for estimators that need the passes at other speeds, a model of the machine, or
+    parameters of the denoiser. `groups` contains the passes at all speeds, and `base` contains the
+    parameters that are not tuned.
     """
 
     def __init__(

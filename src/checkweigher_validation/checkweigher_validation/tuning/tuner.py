@@ -41,7 +41,7 @@ _OWN: dict[str, type[Tunable]] = {
 }
 TUNABLES: dict[str, type[Tunable]] = {name: _OWN.get(name, Tunable) for name in METHODS}
 
-UNTRAINED = 'untrained'  # name of the default parameters in comparisons
+UNTRAINED = 'untrained'  # name of the parameters without training in comparisons
 FEWEST_PASSES = 3  # smallest number of passes of one speed
 _FEWEST_FOR_HALVES = 60  # smallest number of passes with which one half is enough for tuning
 _FEWEST_FOR_FIFTHS = 20
@@ -174,11 +174,11 @@ def _check_passes(groups: Sequence[SpeedGroup]) -> None:
     for group in groups:
         if len(group.passes) < FEWEST_PASSES:
             raise TuningError(
-                f'{len(group.passes)} passes of known mass at {60 * group.speed:.1f} m/min, tuning '
-                f'needs at least {FEWEST_PASSES} passes at each speed'
+                f'{len(group.passes)} passes of known mass at {60 * group.speed:.1f} m/min are too '
+                f'few; tuning needs at least {FEWEST_PASSES} passes at each speed'
             )
     if not groups:
-        raise TuningError('no pass of known mass without a fault')
+        raise TuningError('there is no pass of known mass without a fault')
 
 
 def _jobs(

@@ -102,5 +102,5 @@ def test_signals_without_noise_are_refused():
         return replace(each, window=replace(each.window, counts=0 * each.window.counts))
 
     silence = SpeedGroup(group.speed, tuple(map(silent, group.passes)))
-    with pytest.raises(TuningError, match='hold no noise'):
+    with pytest.raises(TuningError, match='contain no noise'):
         fit_platform([silence], KNOWN)
