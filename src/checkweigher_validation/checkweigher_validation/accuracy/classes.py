@@ -5,20 +5,20 @@
 Category X contains checkweighers for prepackages. The classes XI, XII, XIII and XIIII limit the
 mean error in units of the verification scale interval e, and the class factor x scales the limit of
 the standard deviation. Category Y contains all other catchweighers. The classes Y(I), Y(II), Y(a)
-and Y(b) limit the error of each weighing. Table 2 of the paper (Long et al.) has the limits of
+and Y(b) limit the error of each weighing. Table 2 of the paper (Long et al.) lists the limits of
 XIII(1) with e = 0.1 g at initial verification. GB/T 27739 writes XIV for XIIII.
 
 The classes, class factors (4.2), values of e, and errors of both categories at initial verification
 are from Directive 2014/32/EU (MID), Annex VIII, Chapter II, and UK SI 2016/1153, Schedule 1G.
-Chapter II, Table 1, "Static", of the latter has the errors of category Y at rest. The errors at
+Chapter II, Table 1, "Static", of the latter lists the errors of category Y at rest. The errors at
 rest in service are from NI SR 2006/154, Schedule 5, Table 2. The smallest Min of Y(a) and Y(b) is
 from UK SI 2003/2761, Schedule 1. The errors of category Y in motion in service, and the standard
 deviations above 300 g, are quoted from memory and were not compared with the text of R 51. The rule
-on the prepackages that a class may check is from the German FPackV of 2020, Annex 7, 1 b; its table
-of the largest e is not used.
+on the prepackages that a class may check is from the German FPackV of 2020, Annex 7, 1 b. The table
+of the largest e in FPackV is not used.
 
-Nothing here is type-approved for legal metrology. A result applies to a simulation or a test run
-and does not mean that a machine conforms.
+Nothing here is type-approved for legal metrology. A result applies to a simulation or a test run,
+and is no evidence that a machine conforms to the directive.
 """
 
 from collections.abc import Callable
@@ -96,7 +96,8 @@ _WEIGHINGS = ((1.0, 60), (10.0, 30), (20.0, 20), (math.inf, 10))
 class AccuracyClass:
     """Accuracy class of a checkweigher, with the limits at initial verification or in service.
 
-    Raises `ValueError` if the class or the class factor is unknown, or e is not positive.
+    Raises `ValueError` if the class is unknown, the class factor is not allowed for it, or e is not
+    positive.
     """
 
     name: str = 'XIII'  # one of CLASSES, or XIV for XIIII.

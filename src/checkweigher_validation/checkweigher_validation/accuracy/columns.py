@@ -47,7 +47,7 @@ class Column:
         if value is None:
             return ''
         if self.kind is ColumnType.TIME:
-            # A float with the seconds since 1970 would be rounded to about 200 ns.
+            # Do not use a float, which would round the time in s since 1970 to about 200 ns.
             whole, part = divmod(value, NANOSECONDS)
             return f'{whole}.{part:09d}'
         if self.kind is ColumnType.TEXTS:

@@ -62,7 +62,7 @@ def evaluate_sets(
 ) -> tuple[ConditionResult, ...]:
     """Return the results of estimators on sets, in the order of the estimators.
 
-    `estimators` has parameters that select different estimators. `n_jobs` is the number of
+    `estimators` contains parameters that select different estimators. `n_jobs` is the number of
     processes as in `checkweigher_validation.jobs.run_jobs`.
     """
     calls = [partial(evaluate_set, known, line) for line in estimators for known in sets]

@@ -24,8 +24,8 @@ from checkweigher_validation.accuracy.tables import (
     json_conditions,
 )
 
-# Additional names of estimators in the results of a machine: the attainable accuracy, and the
-# estimator that the command `tune` chooses.
+# Names in the results of a machine that stand beside the names of estimators: the attainable
+# accuracy, and the estimator that the command `tune` chooses.
 ATTAINABLE, CHOSEN = 'attainable', 'chosen'
 
 
@@ -149,8 +149,8 @@ def family_csv(
 ) -> str:
     """Return CSV with a row for each machine, estimator, speed, mass and part.
 
-    The columns are ``machine``, ``tuned`` (1 or 0) and the columns of `csv_text`. The attainable
-    accuracy has its own rows, in which it is the estimator.
+    The columns are ``machine``, ``tuned`` (1 or 0) and the columns of `csv_text`. The rows
+    with the attainable accuracy have ``attainable`` in the column of the estimator.
     """
     file = io.StringIO()
     for each in machines:

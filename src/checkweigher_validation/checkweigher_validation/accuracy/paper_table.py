@@ -19,7 +19,7 @@ from checkweigher_validation.accuracy.errors import Evaluation, overall_index, s
 
 @dataclass(frozen=True, slots=True)
 class PaperResult:
-    """Cell of the table."""
+    """Result of one estimator at one speed and mass in the table."""
 
     std_dev: float  # kg
     mean_error: float  # kg
@@ -42,7 +42,7 @@ _CELLS = np.reshape(
 
 
 def paper_result(estimator: str, speed: float, mass: float) -> PaperResult | None:
-    """Return the result of an estimator at a speed in m/s and a mass in kg, or None."""
+    """Return the result at a speed in m/s and a mass in kg, or None if the paper has none."""
     row, column = _place(PAPER_SPEEDS, speed), _place(PAPER_MASSES, mass)
     if row is None or column is None or estimator not in PAPER_ESTIMATORS:
         return None

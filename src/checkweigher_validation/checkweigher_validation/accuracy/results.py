@@ -81,7 +81,10 @@ class ResultJoiner:
         )
 
     def _t4(self, t3: int | None) -> int | None:
-        """Return the time of the next edge of the outfeed eye if the eye is clear after it."""
+        """Return the time of the first edge of the outfeed eye after `t3`.
+
+        Returns None if there is no such edge, or if it blocks the eye.
+        """
         if t3 is None:
             return None
         position = bisect_right(self._outfeed, (t3, True))

@@ -74,10 +74,10 @@ def json_conditions(evaluation: Evaluation) -> list[dict[str, Any]]:
 def text_table(evaluation: Evaluation, accuracy_class: AccuracyClass = AccuracyClass()) -> str:
     """Return a text table of the means over the masses for each estimator and speed.
 
-    The table is on the test passes or, if there are none, on the training passes. The columns
-    include the coverage of the stated 68 % and 95 % intervals, the number of conditions within the
-    limits of the class, and A in the paper (Long et al.) if the speed and the masses are those of
-    the paper. After the table, there is the coverage by speed and mass for the smallest A.
+    The table covers the test passes or, if there are none, the training passes. The columns include
+    the coverage of the stated 68 % and 95 % intervals, the number of conditions within the limits
+    of the class, and A in the paper (Long et al.) if the speed and the masses are those of the
+    paper. A second table shows the coverage by speed and mass of the estimator with the smallest A.
     """
     part = evaluation.parts[0]
     lines = [
@@ -95,10 +95,10 @@ def text_table(evaluation: Evaluation, accuracy_class: AccuracyClass = AccuracyC
 
 
 def coverage_table(conditions: Iterable[ConditionResult], title: str) -> list[str]:
-    """Return the lines of a table: the coverage of the 95 % intervals by speed and mass in %.
+    """Return the lines of a table with the coverage of the 95 % intervals in %, by speed and mass.
 
-    Conditions of the same speed and mass are combined. There are no lines for a single mass, or for
-    so many masses that each has few passes.
+    Conditions of the same speed and mass are combined. The list is empty for a single mass, and for
+    more than ten masses, because each of them then has few passes.
     """
     there = tuple(conditions)
     masses = distinct(one.mass for one in there)

@@ -48,7 +48,7 @@ def other_program(there: Program, here: Program) -> str:
     """
     if there == here:
         return ''
-    return f'the worker runs {there}, here is {here}; bring it to the same version'
+    return f'the worker runs {there}, but this process runs {here}; install the same version'
 
 
 def program_digest(packages: Iterable[str]) -> str:

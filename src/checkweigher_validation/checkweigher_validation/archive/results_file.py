@@ -17,7 +17,7 @@ from checkweigher_validation.accuracy.results import ItemResult
 
 _TYPES = {
     ColumnType.WHOLE: pa.int64(),
-    # Without a zone in the type, because DuckDB cannot subtract such times.
+    # The type has no time zone, because DuckDB cannot subtract times with a time zone.
     ColumnType.TIME: pa.timestamp('ns'),
     ColumnType.NUMBER: pa.float64(),
     ColumnType.TEXT: pa.string(),

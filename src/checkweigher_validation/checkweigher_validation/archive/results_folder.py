@@ -25,9 +25,9 @@ class ResultsFolder:
     """Results of jobs in the folder `path`, which is created if necessary.
 
     `jobs` contains the jobs by the names of their result files, without suffix. Stored results of
-    the same bag, parameters and program are kept. The attribute `jobs` is a list of the jobs, in
-    which `known` is set for each job with stored results. Raises `OutputError` if the folder cannot
-    be used.
+    the same bag, parameters, lane and program are kept. The attribute `jobs` is a list of the jobs,
+    in which `known` is set for each job with stored results. Raises `OutputError` if the folder
+    cannot be used.
     """
 
     def __init__(self, path: Path, jobs: Mapping[str, WeighJob]) -> None:

@@ -44,12 +44,12 @@ class WeighJob:
     parameters: LineParameters
     lane: str | None  # namespace of the lane; it may be None if the bag has only one lane
     program: Program  # required program
-    known: str = ''  # SHA-256 of the bag with which equal results are stored already, or empty
+    known: str = ''  # SHA-256 of the bag whose results are stored already, or empty
 
 
 @dataclass(frozen=True)
 class Weighed:
-    """Result of a job. The file and the problem are empty if the stored results are still valid."""
+    """Result of a job. There is no file and no problem if the stored results are still valid."""
 
     bag: str
     host: str  # name of the machine that ran the job, or empty
@@ -71,7 +71,7 @@ def origin_of(job: WeighJob, digest: str) -> Origin:
 
 
 def weigh_bag(job: WeighJob) -> Weighed:
-    """Weigh a bag in limited memory. The result of an exception is a `Weighed` with a problem."""
+    """Weigh a bag in limited memory. An exception is returned as a `Weighed` with a problem."""
     broken = False
     try:
         if other := other_program(program(), job.program):
@@ -87,7 +87,7 @@ def weigh_bag(job: WeighJob) -> Weighed:
         problem = str(error)
     except (OSError, MemoryError) as error:
         problem, broken = f'{job.bag}: {error or "not enough memory for this"}', False
-    # A bug that appears with one bag must not end the jobs of the other bags.
+    # Catch all exceptions, because a bug that appears with one bag must not end the other jobs.
     except Exception as error:
         place = traceback.extract_tb(error.__traceback__)[-1]
         problem = (

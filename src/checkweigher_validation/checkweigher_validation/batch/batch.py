@@ -42,7 +42,7 @@ _MOST_FAULTS = 3  # largest number of reported faults in the counts of a record
 
 
 class BatchError(ValueError):
-    """Raised if a file is not a batch. The message contains the file, the line and the fault."""
+    """Raised if a file is not a batch. The message contains the file, the fault and its line."""
 
 
 class InLog(StrEnum):
@@ -65,7 +65,7 @@ class BatchItem:
     def __post_init__(self) -> None:
         # The rules for batches and the reference test need the masses of all accepted items.
         if self.decision is Decision.ACCEPT and not math.isfinite(self.mass):
-            raise ValueError('its decision is ACCEPT, but it has no mass')
+            raise ValueError('the decision is ACCEPT, but the item has no mass')
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +94,7 @@ class Batch:
     log: str = ''  # name of the audit log, with number and hash of its last entry
     faults: tuple[str, ...] = ()  # reasons why the record cannot be trusted
     strays: int = 0  # number of items in the record that belong to another batch
-    software: str = ''  # SHA-256 of the legally relevant software, of the last start
+    software: str = ''  # SHA-256 of the legally relevant software at the last start
     signatures: tuple[Signature, ...] = ()
     after: str = ''  # hash of the last entry of the audit log before the batch
 
@@ -104,9 +104,10 @@ class Batch:
         return max((part.product.release_by for part in self.parts), default=1)
 
     def with_log(self, logs: LogChain, data: bytes) -> 'Batch':
-        """Return the batch with its changes and alarms in the audit logs, and `in_log`.
+        """Return the batch with its changes, alarms and signatures in the audit logs.
 
-        `data` is the content of the record.
+        The fields `in_log`, `log` and `software` are also set, and faults are added. `data` is the
+        content of the record.
         """
         states = states_in(logs.entries, self.name)
         fault = self._fault_by(states, data)
@@ -137,10 +138,10 @@ class Batch:
         return fault_of(data, states) or own
 
     def _span_of(self, entries: Sequence[Entry]) -> tuple[int, int | None]:
-        """Return the slice of the entries from the begin to the end of the batch.
+        """Return the slice of the entries from the beginning to the end of the batch.
 
-        The slice ends with None if the batch has not ended. It is found by hashes instead of times,
-        which would leave out entries if the clock was set back.
+        The slice ends with None if the batch has not ended. It is found by hashes, because times
+        would leave out entries if the clock was set back.
         """
         own = [n for n, e in enumerate(entries) if (e.kind, e.subject) == (RECORD, self.name)]
         begin = [n for n, e in enumerate(entries) if e.hash == self.after]

@@ -22,7 +22,7 @@ def count_faults(events: Iterable[tuple[str, Any]]) -> Iterator[str]:
     """
     batch, products = '', dict[str, Product]()
     tallies: dict[str, BatchTally] = {}
-    changed: set[str] = set()  # products whose limits have changed, so that sums may differ
+    changed: set[str] = set()  # products whose recipes have changed, so that sums may differ
     for number, (kind, event) in enumerate(events, 1):
         if kind == 'begin':
             batch = event['batch']

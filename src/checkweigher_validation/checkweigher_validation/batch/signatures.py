@@ -117,7 +117,7 @@ def signature_faults(
 
 
 def foreign_keys(signatures: Sequence[Signature], signers: Mapping[str, Signer]) -> Iterator[str]:
-    """Yield a sentence for each signature that its user was not allowed to make.
+    """Yield a sentence for each signature that its user has not made or may not make.
 
     `signers` contains the users by name.
     """

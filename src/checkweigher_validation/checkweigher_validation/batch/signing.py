@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Batches and entries of the audit log that a person may sign.
 
-The entries are the results of verifications, and changes of the limits of products: of recipes and
-of the limits of the reject node.
+These entries are the results of verifications, changes of recipes, and changes of the limits of the
+node `reject`.
 """
 
 from collections import defaultdict
@@ -65,7 +65,7 @@ class Signable:
 
 
 def signable_batch(record: Path, log: Path | None = None) -> Signable:
-    """Return the batch of a record.
+    """Return the batch of a record, to be signed.
 
     Raises `SigningError` if the batch has not ended or the record cannot be trusted, and the
     exceptions of `read_recorded`.
@@ -80,7 +80,7 @@ def signable_batch(record: Path, log: Path | None = None) -> Signable:
 
 
 def signable_entry(log: Path, digest: str) -> Signable:
-    """Return the entry with a hash in an audit log.
+    """Return the entry of an audit log with the hash `digest`, to be signed.
 
     Raises `SigningError` if no such entry may be signed, or if the log or the files of the
     verification were changed.
@@ -90,12 +90,14 @@ def signable_entry(log: Path, digest: str) -> Signable:
         raise SigningError(chain.fault)
     found = [each for each in signable_entries(chain.entries) if each.sha256 == digest]
     if not found:
-        raise SigningError(f'{log.name}: this entry is no change of limits and no verification')
+        raise SigningError(
+            f'{log.name}: this entry is neither a change of limits nor a verification'
+        )
     for entry in chain.entries:
         if (entry.hash, entry.kind) == (digest, VERIFICATION):
             folder = log.parent / VERIFICATIONS / Path(entry.subject).name
             for fault in verification_faults(folder, entry.new):
-                raise SigningError(f'it cannot be signed: {fault}')
+                raise SigningError(f'the entry cannot be signed: {fault}')
     return found[0]
 
 
@@ -118,9 +120,10 @@ def signable_entries(entries: Sequence[Entry]) -> list[Signable]:
 
 
 def _may_be_signed(entries: Sequence[Entry]) -> Iterator[tuple[Entry, int]]:
-    """Yield the entries that may be signed, each with `release_by` of its recipe.
+    """Yield the entries that may be signed, each with the number of persons for a release.
 
-    If a recipe was changed, the larger number applies, so that no single person can lower it.
+    The number is `release_by` of the recipe, or 1 for a verification. If a recipe was changed, the
+    larger of its two numbers applies, so that no single person can lower the number.
     """
     asked: dict[str, int] = {}  # number of persons by product
     product = ''
@@ -149,9 +152,9 @@ def _title(entry: Entry) -> str:
 def entry_signature_faults(
     entries: Sequence[Entry], signers: Mapping[str, Signer] | None = None
 ) -> Iterator[str]:
-    """Yield a sentence for each signature on an entry that is void.
+    """Yield a sentence for each void signature on an entry.
 
-    `signers` contains the users by name, or is None if they are not compared.
+    `signers` contains the users by name. If it is None, the keys are not compared with the users.
     """
     known = set[str]()
     for each in signable_entries(entries):

@@ -25,11 +25,12 @@ _PENALTIES = np.logspace(-9, 1, 41)  # kg^2
 def attainable_errors(
     learn: Sequence[KnownPass], check: Sequence[KnownPass]
 ) -> NDArray[np.float64]:
-    """Return the errors of the passes `check`, (n,) in kg, of a regression on the passes `learn`.
+    """Return the errors on the passes `check`, (n,) in kg, of a regression on the passes `learn`.
 
-    All passes are without faults, and of the same machine and nominal speed. The regressors are the
-    samples from before t1 to t3 at fixed fractions of a pass, after subtraction of the zero. The
-    penalty is that with the smallest A in leave-one-out cross-validation.
+    All passes must be without faults, and of the same machine and nominal speed. The regressors are
+    the samples from 0.2 s before t1 to t3, interpolated at the same fractions of each pass, after
+    subtraction of the zero. The penalty is that with the smallest A in leave-one-out
+    cross-validation.
     """
     span = min(_samples(each.window) for each in learn)
     signals, masses = _signals(learn, span), np.array([each.mass for each in learn])
@@ -62,7 +63,7 @@ def _ridge(signals: NDArray[np.float64], masses: NDArray[np.float64]) -> NDArray
 
     def held_out(penalty: float) -> float:
         shrinkage = values**2 / (values**2 + penalty)
-        # The leave-one-out error of a pass follows from its leverage.
+        # Divide the residuals by 1 - leverage, which gives the leave-one-out errors.
         leverage = left**2 @ shrinkage + 1 / len(masses)
         return index((left @ (shrinkage * along) - targets) / (1 - leverage), masses)
 

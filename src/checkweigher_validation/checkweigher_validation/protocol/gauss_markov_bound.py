@@ -58,9 +58,9 @@ class PassModel:
 def bound(parameters: SimulationParameters, mass: float, before: float = 0.3) -> float:
     """Return the Gauss-Markov bound of the standard deviation of a mass in kg.
 
-    `parameters` contains the machine, the belt speed and the lengths. Its products are not used.
-    `mass` is the mass of the product in kg. An estimate may use the signal from `before` s before
-    t1 up to t3. The zero is assumed to be known exactly.
+    `parameters` contains the machine, the belt speed, and the lengths of belt and product. Its
+    masses are not used. `mass` is the mass of the product in kg. An estimate may use the signal
+    from `before` s before t1 up to t3. The zero is assumed to be known exactly.
     """
     return bound_of(pass_model(parameters, mass, before))
 
@@ -117,7 +117,7 @@ class _SimulatedPass:
         return np.asarray(reading.reshape(-1, OVERSAMPLING).mean(axis=1)[self._first :])
 
     def lines(self) -> NDArray[np.float64]:
-        """Return the covariance of rollers and motor, whose vibrations have random phases."""
+        """Return the covariance of the roller and motor vibrations, whose phases are random."""
         profile, speed = self._profile, self._parameters.speed
         angles = [
             (amplitude, 2 * order / ROLLER_DIAMETER)
@@ -166,7 +166,7 @@ class _SimulatedPass:
         """Return the covariance of the samples for a force that is filtered white noise.
 
         The input of the system `force` is white noise of variance 1, and its output is the force on
-        the platform. The joint state has the reading, its derivative, and the state of `force`.
+        the platform. The joint state contains the reading, its derivative and the state of `force`.
         """
 
         def step(load: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

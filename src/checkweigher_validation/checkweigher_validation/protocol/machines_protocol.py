@@ -75,9 +75,9 @@ def passes_cut_by(
 ) -> list[tuple[KnownPass, ...]]:
     """Simulate `count` passes of a machine at a speed in m/s, with `masses` in kg in random order.
 
-    Returns the passes for each of the parameters `cuts` of the segmenter. `machine` is the seed of
-    the machine, and `seed` that of the passes. `without` contains the causes of disturbance that
-    are removed from the machine.
+    Returns the passes for each element of `cuts`, which contains parameters of the segmenter.
+    `machine` is the seed of the machine, and `seed` that of the passes. `without` contains the
+    causes of disturbance that are removed from the machine.
     """
     order = np.random.default_rng((machine, round(1000 * speed), seed))
     profile = '-'.join((f'{PREFIX}{machine}', *without))

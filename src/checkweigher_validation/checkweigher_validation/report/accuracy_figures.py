@@ -49,7 +49,7 @@ def index_by_mass_figure(evaluation: Evaluation, part: str) -> Figure:
 
 
 def averages_figure(evaluation: Evaluation, part: str) -> Figure:
-    """Draw the averages of A over the masses, and over masses and speeds (figure 12)."""
+    """Draw averages of A over the masses, and over masses and speeds (figure 12 of Long et al.)."""
     figure, (left, right) = svg.new_figure(3.9, 1, 2, width_ratios=(1, 1.1))
     _draw_by_speed(left, evaluation, part)
     _draw_overall(right, evaluation, part)

@@ -40,7 +40,10 @@ _OTHERS = (('>', '#5f6b1f', '#b5c45a'), ('p', '#6b4fa0', '#b39ae0'))
 
 
 def looks_of(estimators: tuple[str, ...]) -> dict[str, PlotStyle]:
-    """Return the plot styles of estimators by name. The label of an unknown one is its name."""
+    """Return the plot styles of estimators by name.
+
+    The label of an unknown estimator is its name.
+    """
     others = cycle(_OTHERS)
     return {
         name: _LOOKS[name] if name in _LOOKS else PlotStyle(name, *next(others))
@@ -49,7 +52,7 @@ def looks_of(estimators: tuple[str, ...]) -> dict[str, PlotStyle]:
 
 
 def number(value: float | None, digits: int = 3, sign: bool = False, unknown: str = NONE) -> str:
-    """Return a number as text with a proper minus sign, or `unknown` if it is not finite."""
+    """Return a number as text with the minus sign U+2212, or `unknown` if it is not finite."""
     if value is None or not math.isfinite(value):
         return unknown
     # The addition converts -0.0 to 0.0.
@@ -75,8 +78,8 @@ class Content:
     """Numbers and findings of an evaluation, which has at least one condition.
 
     By default, they are computed from the test passes or, if there are none, from the training
-    passes. `accuracy_class` has the limits. The parameters `chosen` of the methods are keywords of
-    `Evaluation.select`.
+    passes. `accuracy_class` contains the limits. The parameters `chosen` of the methods are
+    keywords of `Evaluation.select`.
     """
 
     def __init__(self, evaluation: Evaluation, accuracy_class: AccuracyClass) -> None:
@@ -86,7 +89,7 @@ class Content:
         self.part = evaluation.parts[0]
         self.means = evaluation.ranked(self.part)
         self.has_paper_average = has_paper_conditions(evaluation)
-        # True if the paper (Long et al.) has a result at one of the speeds and masses.
+        # True if the paper (Long et al.) has a result for one of the conditions.
         self.has_paper = any(
             paper_result(one.estimator, one.speed, one.mass) for one in evaluation.conditions
         )
@@ -147,7 +150,7 @@ class Content:
         return [paper_result(name, speed, mass) for mass in self._evaluation.masses]
 
     def exceeded(self, condition: ConditionResult) -> str:
-        """Return symbols of the violated limits: μ of the error, σ, and n of the weighings."""
+        """Return symbols of the violated limits: μ (error), σ, and n (number of weighings)."""
         found = judge(condition, self._class)
         kept = (found.error_passed, found.std_dev_passed, found.enough_weighings)
         return ' '.join(name for name, passed in zip('μσn', kept, strict=True) if not passed)

@@ -54,11 +54,11 @@ def to_inline_svg(figure: Figure, name: str, description: str) -> Markup:
     figure, which must be unique on the page. Screen readers speak the text `description`.
     """
     file = io.StringIO()
-    # The metadata would contain a date, so that equal figures would differ.
+    # Omit the metadata, because it contains a date, which would make equal figures different.
     no_metadata = dict.fromkeys(('Creator', 'Date', 'Format', 'Type'))
     figure.savefig(file, format='svg', metadata=no_metadata)
     text = file.getvalue()
-    # The page determines width, height and font of the figure.
+    # Remove width, height and font, because the page determines them.
     head, rest = text[text.index('<svg') :].split('>', 1)
     head = re.sub(r' (width|height)="[^"]*"', '', head)
     rest = re.sub(r'(font: [^;\"]*?[\d.]+px) [^;\"]*', r'\g<1> var(--font)', rest)

@@ -18,7 +18,7 @@ from checkweigher_validation.accuracy.tables import LEVELS
 from checkweigher_validation.report import accuracy_figures, content, signal_figures
 from checkweigher_validation.report.inline_svg import STYLE, to_inline_svg
 
-_NO_ID = 12 * '-'  # in the place of the report id while its digest is computed
+_NO_ID = 12 * '-'  # placeholder of the report id while its digest is computed
 
 
 @rc_context(fname=STYLE)
@@ -29,9 +29,9 @@ def render(
 ) -> str:
     """Return the report of an evaluation as one HTML page that needs no other file.
 
-    The report is on the test passes or, if there are none, on the training passes. The evaluation
-    has at least one condition. If `nominal`, a nominal quantity of prepackages in kg, is given, the
-    report shows its limits and whether a scale of the class may check such prepackages.
+    The report covers the test passes or, if there are none, the training passes. The evaluation
+    must have at least one condition. If `nominal`, a nominal quantity of prepackages in kg, is
+    given, the report shows its limits and whether a scale of the class may check such prepackages.
 
     Raises `ValueError` if 76/211/EEC has no limits for `nominal`.
     """
@@ -57,8 +57,8 @@ def render(
 def fill(template: str, title: str, estimators: Sequence[str] = (), **values: Any) -> str:
     """Return the page from a template with `values` and the plot styles of `estimators`.
 
-    Each printed sheet has the title and the report id, which is a digest of the page: equal reports
-    have equal ids.
+    Each printed sheet shows the title and the report id, which is a digest of the page. Equal
+    reports therefore have equal ids.
     """
     environment = Environment(
         loader=PackageLoader('checkweigher_validation.report', ''),
@@ -85,5 +85,5 @@ def fill(template: str, title: str, estimators: Sequence[str] = (), **values: An
 
 
 def _css_string(text: str) -> Markup:
-    """Return a text as the content of a string of CSS in an HTML page."""
+    """Return a text as the content of a CSS string in an HTML page."""
     return Markup(sub(r'[^\w .,:-]', lambda found: f'\\{ord(found[0]):x} ', text))

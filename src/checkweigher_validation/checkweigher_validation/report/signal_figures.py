@@ -52,7 +52,7 @@ def ideal_figure(example: Example) -> Figure:
 
 
 def spectrum_figure(example: Example) -> Figure:
-    """Draw the amplitude spectra of a pass and of its noise-free signal (figure 6)."""
+    """Draw the amplitude spectra of a pass and its noise-free signal (figure 6 of Long et al.)."""
     figure, axes = svg.new_figure(3.0)
     frequency, amplitude = amplitude_spectrum(example.signal, example.sample_rate)
     axes.semilogy(frequency, GRAMS * amplitude, color=svg.stand_in(SIGNAL), lw=1.0, label='signal')
@@ -72,7 +72,7 @@ def spectrum_figure(example: Example) -> Figure:
 
 
 def bands_figure(example: Example) -> Figure:
-    """Draw the bands of the stationary wavelet transform in ascending order (figure 7)."""
+    """Draw the bands of the stationary wavelet transform (figure 7 of Long et al.)."""
     count = len(example.bands)
     figure, grid = svg.new_figure(0.62 * count + 0.5, count, sharex=True, squeeze=False)
     for axes, (name, values) in zip(grid[:, 0], example.bands, strict=True):
@@ -88,7 +88,7 @@ def bands_figure(example: Example) -> Figure:
 
 
 def denoised_figure(example: Example) -> Figure:
-    """Draw the weighing window after each kind of thresholding (figures 8 and 9)."""
+    """Draw the weighing window after each kind of thresholding (figures 8, 9 of Long et al.)."""
     figure, axes = svg.new_figure(3.4)
     window = example.window
     time = _time(example)[window]

@@ -23,7 +23,7 @@ Values = Mapping[str, Any]
 
 @rc_context(fname=svg.STYLE)
 def render_verification(report: Values) -> str:
-    """Return the HTML page of a report of `checkweigher_validation.verification.report`."""
+    """Return the HTML page of a report that `verification.report.report_of` has returned."""
     made = {kind: [step for step in report['steps'] if step['test'] == kind] for kind in StepKind}
     tests = {kind: steps for kind, steps in made.items() if steps}
     drawn = [step for step in report['steps'] if step['test'] in _DRAWN and step['count']]

@@ -213,7 +213,7 @@ def test_a_csv_is_read_as_weigh_writes_it_and_refused_with_its_line(tmp_path: Pa
 @pytest.mark.parametrize(
     ('old', 'new', 'why'),
     [
-        (r'"mass":[\d.]+', '"mass":NaN', 'its decision is ACCEPT, but it has no mass'),
+        (r'"mass":[\d.]+', '"mass":NaN', 'the decision is ACCEPT, but the item has no mass'),
         ('"ACCEPT"', '"MAYBE"', '.*MAYBE'),
     ],
 )
