@@ -24,7 +24,7 @@ from checkweigher_gateways import KINDS
 from checkweigher_gateways.listening import Intake, Taken
 from checkweigher_gateways.settings import GatewaySettings, read_gateways
 
-_POLL_PERIOD = 0.05  # time in s between two turns
+_POLL_PERIOD = 0.05  # time in s between two calls of `Gateway.turn`
 
 
 class GatewayError(ValueError):
@@ -34,7 +34,8 @@ class GatewayError(ValueError):
 class Gateway:
     """Base class of the gateways.
 
-    The module of each gateway has a function `make`, which returns the gateway for its settings.
+    The module of each gateway contains a function `make`, which returns a gateway with the given
+    settings.
 
     Attributes
     ----------
@@ -56,10 +57,10 @@ class Gateway:
         raise NotImplementedError
 
     async def turn(self) -> None:
-        """Perform the periodic work, after `take` was called with the waiting records."""
+        """Perform the periodic work. Before, `take` is called with each waiting record."""
 
     def findings(self, now: float) -> Iterable[Finding]:
-        """Return the findings on the connection at time `now` in s on the monotonic clock."""
+        """Return the findings on the connection at the time `now` of the monotonic clock in s."""
         return ()
 
     async def close(self) -> None:
@@ -74,7 +75,7 @@ def serve(kind: str, settings: GatewaySettings, namespace: str | None = None) ->
     kind : str
         Kind of the gateway, one of `KINDS`.
     settings : GatewaySettings
-        Settings of all gateways. A missing section stands for the defaults.
+        Settings of all gateways. If the section of the gateway is missing, it has the defaults.
     namespace : str, optional
         Namespace of the only lane, or None for all lanes.
 

@@ -39,7 +39,10 @@ class PackState(IntEnum):
 
 @dataclass
 class LaneState:
-    """Latest records of a lane, None until received. `zero` is in kg from the calibration."""
+    """Latest records of a lane, which are None until received.
+
+    `zero` is the zero of the belt relative to the calibration, in kg.
+    """
 
     name: str
     verdict: Verdict | None = None

@@ -46,7 +46,8 @@ class Intake:
     """Subscriptions of a gateway to its lanes, and the queue of records for its thread.
 
     The ROS thread only appends to the queue. If the queue is full, the oldest record is dropped and
-    counted. If `kept` is true, verdicts that were published earlier are received as well.
+    counted. If `kept` is true, verdicts that were published before the subscription are received as
+    well.
 
     Attributes
     ----------
@@ -78,14 +79,15 @@ class Intake:
             name, namespace or '', lambda now: [self._finding(now), *findings(now)]
         )
         spinner.add(self._finder)
-        # A separate node, because an input of the finder would get only its own diagnostics.
+        # Use a separate node, because an input of the finder would receive only the diagnostics of
+        # the finder itself.
         board = PortNode(f'{name}_board')
         take = partial(self._take, '', ports.DIAGNOSTICS)
         board.subscribe(ports.DIAGNOSTICS, take, needed=False)
         spinner.add(board)
 
     def drain(self) -> Iterator[Taken]:
-        """Search for new lanes twice a second, and yield the waiting records, oldest first."""
+        """Search for new lanes at most twice a second, and yield the waiting records in order."""
         now = time.monotonic()
         if now - self._looked > _LOOK_PERIOD:
             self._looked = now

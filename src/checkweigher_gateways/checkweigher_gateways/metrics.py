@@ -28,7 +28,7 @@ DEVIATIONS = [
     for sign, sizes in ((-1, (100, 50, 30, 20, 15, 10, 5, 2)), (1, (0, 2, 5, 10, 20, 30, 50, 100)))
     for each in sizes
 ]
-_UNKNOWN = 'Unknown'  # label of unknown reasons, whose texts must not become labels
+_UNKNOWN = 'Unknown'  # label of all unknown reasons, because labels must be few
 # Metrics of diagnostics by node, aspect and key: name, help text, and factor to the unit.
 _FIGURES = {
     ('segmenter', 'Zero', 'from_calibration_g'): (
@@ -45,9 +45,10 @@ _FIGURES = {
         'checkweigher_verdict_margin_min_seconds',
         'Shortest time from verdict to reject time in the last minute.', 1e-3),
 }  # fmt: skip
-# Processes outside the lines. A process runs if its node is in the ROS graph.
+# Processes outside the lines. A process counts as running if its node is in the ROS graph.
 _BESIDE = ('page', REPORTER, *GATEWAYS)
-# Nodes whose diagnostics are exported. Others are ignored, because any node may publish them.
+# Nodes whose diagnostics are exported. The diagnostics of other nodes are ignored, because any node
+# of the ROS graph may publish diagnostics.
 _REPORTING = {*NODES, *OF_MACHINE, *GATEWAYS}
 
 
@@ -55,7 +56,8 @@ class Metrics(Gateway):
     """Gateway that serves metrics to Prometheus.
 
     Counters begin at 0 when the gateway starts. A lane without a namespace has the label
-    ``lane=""``. Item numbers and batch names are not labels.
+    ``lane=""``. Item numbers and batch names are not labels, because Prometheus stores a separate
+    time series for each value of a label.
 
     Attributes
     ----------

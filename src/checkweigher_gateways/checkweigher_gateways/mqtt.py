@@ -47,8 +47,8 @@ class MqttGateway(Gateway):
     """MQTT gateway. Verdicts wait on the disk while the broker cannot be reached.
 
     The threads of paho only put events into a queue. Each connection has its own client, because
-    the wills of the connections contain different numbers. An item is stored before it is
-    published, and marked as sent when the broker has confirmed it. The retained message
+    the will of each connection contains another number. An item is stored before it is published,
+    and marked as sent when the broker has confirmed it. The retained message
     ``delivered`` (the mark) contains the number of the last item that the broker has received.
     """
 
@@ -120,7 +120,7 @@ class MqttGateway(Gateway):
         self._client = client
 
     async def take(self, taken: Taken) -> None:
-        """Update the state of the lane, and store a verdict."""
+        """Update the state of the lane, and store the record if it is a verdict."""
         self._states.take(taken)
         if isinstance(taken.record, Verdict):
             verdict, lane = taken.record, taken.lane
@@ -128,7 +128,7 @@ class MqttGateway(Gateway):
             self._store.add(key, lane, json.dumps(_body(self._states.of(lane), verdict)))
 
     async def turn(self) -> None:
-        """Process the events of the connection, then publish states and items."""
+        """Process the events of the connection, and publish changed states and waiting items."""
         with suppress(queue.Empty):
             while True:
                 self._process(*self._events.get_nowait())
@@ -151,7 +151,7 @@ class MqttGateway(Gateway):
             case 'failed' | 'ended':
                 lost = 'no connection' if event == 'failed' else f'connection lost: {value}'
                 self._trouble = self._trouble or lost
-                # The next attempt needs a new client, because this one does not reconnect.
+                # Discard the client, because a client does not reconnect.
                 self._ready_at, self._client = math.inf, None
                 self._retry_at = time.monotonic() + _RETRY
             case 'confirmed':
@@ -186,7 +186,7 @@ class MqttGateway(Gateway):
         return self._client.publish(topic, data, qos, retain).mid
 
     def _show(self, lane: LaneState) -> None:
-        """Publish the state of a lane if it has changed. The first one is a DBIRTH."""
+        """Publish the state of a lane if it has changed. The first one after NBIRTH is a DBIRTH."""
         now, before = _state(lane), self._shown.get(lane.name)
         if now == before:
             return
@@ -230,7 +230,7 @@ class MqttGateway(Gateway):
             self._confirmations[self._publish(self._mark, mark, retain=True)] = number
 
     def _hear(self, message: MQTTMessage) -> None:
-        """Process a mark or a command. Other messages are ignored."""
+        """Process a mark, a command or a rebirth request. Other messages are ignored."""
         with suppress(ValueError, KeyError, TypeError, IndexError):
             if message.topic == self._mark:
                 self._hear_mark(json.loads(message.payload), retained=message.retain)

@@ -96,7 +96,8 @@ _OWN_METHODS: dict[str, tuple[str, Role, Any, tuple[str, ...]]] = {
 class OpcuaGateway(Gateway):
     """OPC UA server, which runs in the event loop of the gateway.
 
-    A restarted gateway receives the latest verdicts of the line again, for the history.
+    After a restart, the gateway receives the latest verdicts of the line again, and fills the
+    history of the masses with them.
     """
 
     kept: ClassVar[bool] = True

@@ -50,9 +50,9 @@ class Users(UserManager):
         self._turn = asyncio.Lock()  # one password at a time, so that the throttle counts each one
 
     async def check(self, username: str, password: str) -> Caller | None:
-        """Return the user, or None if the login is wrong or comes too soon after failures.
+        """Return the user, or None if the login is wrong or comes too soon after failed logins.
 
-        The password is checked in a thread, because it takes about 0.1 s.
+        The password is checked in a thread, because the check takes about 0.1 s.
         """
         name = account_name(username)
         key = f'account {name}'
@@ -103,12 +103,13 @@ class _Processor(UaProcessor):
         return None
 
 
-# asyncua has no other way to choose the class that processes requests.
+# Replace the class in the module of asyncua, because there is no other way to choose the class that
+# processes requests.
 binary_server_asyncio.UaProcessor = _Processor
 
 
 class Rights(SimpleRoleRuleset):
-    """Rights of all users to read, browse, subscribe and call. The methods check the role."""
+    """Rights of all users to read, browse, subscribe and call. Each method checks the role."""
 
     def check_validity(self, user: Any, action_type_id: Any, body: Any) -> bool:
         """Return whether a user may send a request, and store the user for its methods."""

@@ -22,7 +22,7 @@ Call = Callable[..., Awaitable[Any]]
 
 _CHECKWEIGHER, _PRODUCT, _RANGE, _REJECTED, _EVENT, _ALARM = 45, 46, 23, 1028, 13, 21
 _MANUFACTURER = 'Checkweigher maintainers'
-# Nodes that instances keep. All other nodes of an instance, and placeholders, are deleted.
+# Browse names of the nodes that an instance keeps. Its other nodes and placeholders are deleted.
 _KEPT = {
     'AvailableStates', 'AvailableTransitions', 'BatchId', 'CurrentProducts', 'CurrentState',
     'CurrentWeight', 'EURange', 'EngineeringUnits', 'ExecuteState', 'Id', 'Identification',
@@ -187,7 +187,8 @@ class LaneSpace:
         data = ua.DataValue(variant, SourceTimestamp=_time(stamp) or datetime.now(UTC))
         if self._id(path) in self._server.iserver.aspace:
             await self._server.write_attribute_value(self._id(path), data)
-        # The usual history of asyncua subscribes to the variable, and would miss equal masses.
+        # Write the history here, because the usual history of asyncua subscribes to the variable,
+        # and would miss a mass that equals the previous one.
         if stamp is not None and path in _RECORDED:
             await self._history.save_node_value(self._id(path), data)
 
@@ -230,7 +231,7 @@ class LaneSpace:
             await self._count(state.statistics)
 
     async def show_item(self, verdict: Verdict) -> None:
-        """Update the masses with an item, and send an event if the item is rejected."""
+        """Update the masses with an item, and send an event if the item is not accepted."""
         stamp = verdict.time
         if math.isfinite(verdict.mass):
             item = str(verdict.item_id)

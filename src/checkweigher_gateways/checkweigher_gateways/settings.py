@@ -20,7 +20,7 @@ class MetricsSettings(Settings):
     port: int = parameter(9464, 'port; 0 selects a free port', minimum=0, maximum=65535)
     certificate: str = parameter('', 'PEM file of the server certificate; empty without TLS')
     key: str = parameter('', 'PEM file of the private key')
-    clients: str = parameter('', 'PEM file with certificates of clients or authorities')
+    clients: str = parameter('', 'PEM file with the trusted certificates; empty accepts any client')
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class MqttSettings(Settings):
     site: str = parameter('', 'Sparkplug B group; empty to publish only JSON')
     commands: bool = parameter(False, 'whether hosts may select products, begin batches and zero')
     store: str = parameter('', 'file of waiting items; empty selects one in the state folder')
-    limit: int = parameter(1_000_000, 'largest number of waiting items', minimum=1)
+    limit: int = parameter(1_000_000, 'waiting items above which the oldest is dropped', minimum=1)
 
 
 @dataclass(frozen=True)
@@ -48,16 +48,16 @@ class OpcuaSettings(Settings):
 
     host: str = parameter(_ADDRESS, 'address at which the server listens')
     port: int = parameter(4840, 'port; 0 selects a free port', minimum=0, maximum=65535)
-    certificate: str = parameter('', 'PEM file of the certificate; required beyond loopback')
+    certificate: str = parameter('', 'PEM file; required unless host is a loopback address')
     key: str = parameter('', 'PEM file of the private key')
-    clients: str = parameter('', 'folder with certificates of clients or authorities')
-    users: str = parameter('', 'users file; empty selects the file of checkweigher user')
-    nodesets: str = parameter('', 'folder of the models; empty selects the one of setup/nodesets')
+    clients: str = parameter('', 'folder with the trusted certificates of clients or authorities')
+    users: str = parameter('', 'users file; empty selects the file of the command user')
+    nodesets: str = parameter('', 'folder of the models; empty selects that of setup/nodesets')
 
 
 @dataclass(frozen=True)
 class GatewaySettings(Settings):
-    """Settings of all gateways. The line runs the gateways whose sections are in its file."""
+    """Settings of all gateways. The line runs the gateways whose sections are in the file."""
 
     metrics: MetricsSettings | None = parameter(None, 'gateway for Prometheus')
     mqtt: MqttSettings | None = parameter(None, 'gateway for MQTT and Sparkplug B')

@@ -84,7 +84,7 @@ def encode(
     metrics : mapping
         Values by metric name. NaN is encoded as null.
     stamp : int
-        Time of the message in ms since 1970. Hosts ignore messages that are older than the birth.
+        Time of the message in ms since 1970. Hosts ignore messages older than the birth message.
     seq : int, optional
         Sequence number from 0 to 255, or None for an NDEATH.
     at : int, optional
@@ -114,7 +114,8 @@ def decode(data: bytes | bytearray) -> dict[str, Any]:
     payload = Payload()
     try:
         payload.ParseFromString(bytes(data))
-    except Exception as error:  # the base class of DecodeError depends on the implementation
+    # Catch all exceptions, because the base class of DecodeError depends on the implementation.
+    except Exception as error:
         raise ValueError(f'not a Sparkplug B payload: {error}') from None
     return {
         metric.name: getattr(metric, kind) if (kind := metric.WhichOneof('value')) else None
@@ -123,7 +124,11 @@ def decode(data: bytes | bytearray) -> dict[str, Any]:
 
 
 def element(text: str) -> str:
-    """Return a text as a topic level. Dots replace ``/``, ``+``, ``#`` and NUL."""
+    """Return a text as a topic level.
+
+    Dots replace ``/``, ``+``, ``#`` and NUL. An empty text, as of a lane without a namespace, is
+    replaced by ``lane``.
+    """
     return re.sub(r'[/+#\0]', '.', text) or 'lane'
 
 

@@ -22,8 +22,8 @@ _KNOWN = 20_000  # number of latest items that are kept after they were sent
 class Store:
     """Numbered items, which wait until the broker has received them.
 
-    An item whose key is known is not added again, because a restarted gateway receives it twice. If
-    more than `limit` items wait, the oldest item is dropped and counted.
+    An item whose key is known is not added, because a restarted gateway receives the latest items
+    again. If more than `limit` items wait, the oldest item is dropped and counted.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ class Store:
         )
 
     def have_sent(self, number: int) -> None:
-        """Mark the items up to a number as sent, and delete all of them but the latest `_KNOWN`."""
+        """Mark the items up to a number as sent, and delete them except the latest `_KNOWN`."""
         self._database.execute('UPDATE items SET sent = 1 WHERE sent = 0 AND number <= ?', [number])
         self._database.execute(
             'DELETE FROM items WHERE sent = 1 AND number <= ?', [number - _KNOWN]
