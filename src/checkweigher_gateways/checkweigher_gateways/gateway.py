@@ -57,7 +57,7 @@ class Gateway:
         raise NotImplementedError
 
     async def turn(self) -> None:
-        """Perform the periodic work. Before, `take` is called with each waiting record."""
+        """Perform the periodic work, after all waiting records were passed to `take`."""
 
     def findings(self, now: float) -> Iterable[Finding]:
         """Return the findings on the connection at the time `now` of the monotonic clock in s."""

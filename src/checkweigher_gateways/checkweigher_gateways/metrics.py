@@ -28,7 +28,7 @@ DEVIATIONS = [
     for sign, sizes in ((-1, (100, 50, 30, 20, 15, 10, 5, 2)), (1, (0, 2, 5, 10, 20, 30, 50, 100)))
     for each in sizes
 ]
-_UNKNOWN = 'Unknown'  # label of all unknown reasons, because labels must be few
+_UNKNOWN = 'Unknown'  # label of all unknown reasons, because labels must be few.
 # Metrics of diagnostics by node, aspect and key: name, help text, and factor to the unit.
 _FIGURES = {
     ('segmenter', 'Zero', 'from_calibration_g'): (
@@ -167,7 +167,7 @@ class Metrics(Gateway):
                 self._deviations.labels(lane).observe(verdict.mass / product.nominal - 1)
 
     def _note(self, message: Any) -> None:
-        """Update the metrics with diagnostics."""
+        """Update level, time and values of the metrics of each node with its diagnostics."""
         stamp = message.header.stamp
         for status in message.status:
             path, _, aspect = status.name.partition(': ')

@@ -110,7 +110,8 @@ class OpcuaGateway(Gateway):
 
     async def start(self) -> str:
         """Load the models, and start the server."""
-        logging.getLogger('asyncua').setLevel(logging.CRITICAL)  # asyncua logs each refused client
+        # Suppress the log of asyncua, because it contains an entry for each refused client.
+        logging.getLogger('asyncua').setLevel(logging.CRITICAL)
         its = self._settings
         users = UserFile(Path(its.users) if its.users else default_users())
         folder = Path(its.nodesets) if its.nodesets else default_folder()

@@ -47,7 +47,7 @@ class Users(UserManager):
     def __init__(self, users: UserFile) -> None:
         self._users = users
         self._throttle = Throttle()
-        self._turn = asyncio.Lock()  # one password at a time, so that the throttle counts each one
+        self._turn = asyncio.Lock()  # for one password at a time, so that the throttle counts all
 
     async def check(self, username: str, password: str) -> Caller | None:
         """Return the user, or None if the login is wrong or comes too soon after failed logins.

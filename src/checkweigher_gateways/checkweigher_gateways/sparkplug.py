@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Payloads and topics of Sparkplug B 3.0.
 
-The payload is the message Payload in sparkplug_b.proto of Eclipse Tahu. Its descriptor is built
-here with the fields that the gateway uses.
+The payload is the message Payload in sparkplug_b.proto of Eclipse Tahu. This module builds the
+descriptor of the message, with the fields that the gateway uses.
 """
 
 from collections.abc import Mapping
@@ -15,7 +15,7 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 
 NAMESPACE = 'spBv1.0'
 BD_SEQ, REBIRTH = 'bdSeq', 'Node Control/Rebirth'
-NUMBERS = 256  # seq and bdSeq count modulo this number
+NUMBERS = 256  # seq and bdSeq are counted modulo this number
 
 _OPTIONAL, _REPEATED = 1, 3
 _DOUBLE, _UINT64, _BOOL, _STRING, _MESSAGE, _UINT32, _FLOAT = 1, 4, 8, 9, 11, 13, 2

@@ -119,7 +119,7 @@ def _client(address: str) -> Iterator[Any]:
         except (OSError, ValueError, TimeoutError) as error:
             text = one_line(error) or type(error).__name__
             raise SchedulerError(
-                f'--scheduler {address}: no Dask scheduler there: {text}'
+                f'--scheduler {address}: there is no Dask scheduler: {text}'
             ) from None
         with client:
             yield client

@@ -16,7 +16,7 @@ from checkweigher_validation.accuracy.results import ItemResult, weigh
 # Largest difference between the masses in the short and in the long recording, in standard
 # deviations. The masses differ because the zero depends on all earlier samples.
 _SAME_MASS = 0.1
-_FEWEST = 2  # smallest number of preceding items, from which belt speed and zero are computed
+_FEWEST = 2  # smallest number of preceding items, from which belt speed and zero are computed.
 # Duration in ns of the signal that is kept after the item, per preceding item.
 _AFTER = NANOSECONDS
 

@@ -96,7 +96,8 @@ def _mute() -> Iterator[None]:
 
 
 def _begin_worker(parent: int) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent process ends this process
+    # Ignore Ctrl-C, because the parent process ends this process.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     end_with_parent(parent)
 
 

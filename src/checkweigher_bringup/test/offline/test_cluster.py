@@ -148,7 +148,7 @@ def test_a_cluster_that_ends_is_one_line_and_what_is_done_is_kept(tmp_path: Path
 @pytest.mark.parametrize(
     ('address', 'text'),
     [
-        ('tcp://127.0.0.1:1', 'no Dask scheduler there'),
+        ('tcp://127.0.0.1:1', 'there is no Dask scheduler'),
         ('nowhere', 'must be local, or an address such as tcp://HOST:8786'),
     ],
 )

@@ -10,9 +10,9 @@ XIII(1) with e = 0.1 g at initial verification. GB/T 27739 writes XIV for XIIII.
 
 The classes, class factors (4.2), values of e, and errors of both categories at initial verification
 are from Directive 2014/32/EU (MID), Annex VIII, Chapter II, and UK SI 2016/1153, Schedule 1G.
-Chapter II, Table 1, "Static", of the latter lists the errors of category Y at rest. The errors at
-rest in service are from NI SR 2006/154, Schedule 5, Table 2. The smallest Min of Y(a) and Y(b) is
-from UK SI 2003/2761, Schedule 1. The errors of category Y in motion in service, and the standard
+Chapter II, Table 1, "Static", of UK SI 2016/1153 lists the errors of category Y at rest. The errors
+at rest in service are from NI SR 2006/154, Schedule 5, Table 2. The smallest Min of Y(a) and Y(b)
+is from UK SI 2003/2761, Schedule 1. The errors of category Y in motion in service, and the standard
 deviations above 300 g, are quoted from memory and were not compared with the text of R 51. The rule
 on the prepackages that a class may check is from the German FPackV of 2020, Annex 7, 1 b. The table
 of the largest e in FPackV is not used.
@@ -86,7 +86,7 @@ _STD_DEV_ROWS = (
     (math.inf, _SHARE, 0.053e-2, 0.067e-2),
 )
 
-_SUITABLE_SHARE = 1 / 5  # largest error in service relative to the tolerable negative error
+_SUITABLE_SHARE = 1 / 5  # largest error in service relative to the tolerable negative error.
 
 # Each row has the largest load in kg and the smallest number of weighings.
 _WEIGHINGS = ((1.0, 60), (10.0, 30), (20.0, 20), (math.inf, 10))
@@ -210,7 +210,7 @@ def _interval_counts(name: str, interval: float) -> tuple[float, float]:
 def check_range(accuracy_class: AccuracyClass, minimum: float, maximum: float) -> None:
     """Check that a class allows its e for the weighing range from Min to Max, in kg.
 
-    The smallest Min is known only for Y(a) and Y(b).
+    Min is checked only for Y(a) and Y(b), because the smallest Min of other classes is not known.
 
     Raises `ValueError` with the violated rule if the range is not allowed.
 

@@ -41,7 +41,7 @@ class MachineResult:
 
 @dataclass(frozen=True, slots=True)
 class FamilyRow:
-    """Results of one estimator on all machines. Ratios are those of A to the attainable A."""
+    """Results of one estimator on all machines. A ratio is that of A to the attainable A."""
 
     estimator: str
     cells: tuple[tuple[float, float], ...]  # mean and largest ratio at each speed, then overall

@@ -26,7 +26,7 @@ METRES_PER_MINUTE = 60.0  # m/min per m/s
 
 LEVELS = (0.68, 0.95)  # confidence levels of the intervals whose coverage is reported.
 
-_MOST_MASSES = 10  # largest number of masses in a table of coverages
+_MOST_MASSES = 10  # largest number of masses in a table of coverages.
 
 # Formats of the CSV columns that do not have six decimal places.
 _FORMATS = {
@@ -42,7 +42,7 @@ def csv_text(evaluation: Evaluation, accuracy_class: AccuracyClass = AccuracyCla
     """Return CSV with one row for each condition, of which there must be at least one.
 
     The cell of an unknown value is empty. The columns ``max_mean_error_g`` and ``max_std_dev_g``
-    contain the limits of the class; in category Y, the former is the limit of each error.
+    contain the limits of the class. In category Y, ``max_mean_error_g`` is the limit of each error.
     ``within_class`` is 1 if there are enough weighings and both limits are met.
     """
     rows = []

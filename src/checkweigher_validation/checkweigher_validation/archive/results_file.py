@@ -23,7 +23,7 @@ _TYPES = {
     ColumnType.TEXT: pa.string(),
     ColumnType.TEXTS: pa.list_(pa.string()),
 }
-_KEY = 'checkweigher'  # key of the metadata of a file
+_KEY = 'checkweigher'  # key of origin and summary in the metadata of a file
 _ROWS = 10_000  # number of rows that are written at once
 SCHEMA = pa.schema(
     [

@@ -102,8 +102,8 @@ def weigh_bags(
 ) -> Generator[Weighed, None, None]:
     """Weigh bags in parallel, and yield the result of each bag when it is done.
 
-    If the process of a job is killed, its result has a problem, and the other bags are weighed.
-    `n_jobs` is the number of processes, by default one for each core.
+    If the process of a job is killed, the result contains a problem, and the other bags are still
+    weighed. `n_jobs` is the number of processes, by default one for each core.
 
     Raises `ClusterLostError` if the jobs ran on a cluster that was lost.
     """

@@ -140,8 +140,8 @@ class Batch:
     def _span_of(self, entries: Sequence[Entry]) -> tuple[int, int | None]:
         """Return the slice of the entries from the beginning to the end of the batch.
 
-        The slice ends with None if the batch has not ended. It is found by hashes, because times
-        would leave out entries if the clock was set back.
+        The slice ends with None if the batch has not ended. The slice is found by
+        hashes, because times would leave out entries if the clock was set back.
         """
         own = [n for n, e in enumerate(entries) if (e.kind, e.subject) == (RECORD, self.name)]
         begin = [n for n, e in enumerate(entries) if e.hash == self.after]

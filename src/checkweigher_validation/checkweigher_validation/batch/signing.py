@@ -46,7 +46,7 @@ class Signable:
     """Batch record or audit log entry that a person may sign."""
 
     title: str
-    subject: str  # subject of its signatures in the audit log
+    subject: str  # subject of the audit log entries with its signatures
     batch: str | None  # name of the batch, None for an entry
     sha256: str  # SHA-256 of the record or of the entry, hexadecimal
     persons: int  # number of persons who must have signed when it is released
@@ -125,7 +125,7 @@ def _may_be_signed(entries: Sequence[Entry]) -> Iterator[tuple[Entry, int]]:
     The number is `release_by` of the recipe, or 1 for a verification. If a recipe was changed, the
     larger of its two numbers applies, so that no single person can lower the number.
     """
-    asked: dict[str, int] = {}  # number of persons by product
+    asked: dict[str, int] = {}  # number of persons for a release, by product
     product = ''
     for entry in entries:
         new: Mapping[str, Any] = entry.new if isinstance(entry.new, dict) else {}

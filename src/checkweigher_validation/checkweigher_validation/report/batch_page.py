@@ -15,7 +15,7 @@ from checkweigher_validation.batch.figures import PartFigures
 from checkweigher_validation.report import inline_svg as svg
 from checkweigher_validation.report.page import fill
 
-_MOST_LINES = 500  # largest number of rows of a table
+_MOST_LINES = 500  # largest number of rows of a table in the report
 
 
 @rc_context(fname=svg.STYLE)

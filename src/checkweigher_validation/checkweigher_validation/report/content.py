@@ -35,7 +35,7 @@ NONE = '–'
 _LOOKS = {name: each.look for name, each in METHODS.items() if each.look}
 _LOOKS['chosen'] = PlotStyle('Chosen by tune', '<', '#7a5230', '#c79a6f')
 
-# Markers and colours of all other estimators.
+# Marker, light colour and dark colour of the estimators that are not in `_LOOKS`.
 _OTHERS = (('>', '#5f6b1f', '#b5c45a'), ('p', '#6b4fa0', '#b39ae0'))
 
 

@@ -35,14 +35,14 @@ ORDERS = (20, 40, 80, 120, 160, 200)
 _CHECKED_PASSES = 40  # number of passes of each speed to decide whether the platform model is used
 _CHECKED_ORDER = 40
 # Largest magnitude of a reflection coefficient. A value closer to 1 would be rounded to 1 in the
-# parameter file, and the filter would be unstable.
+# parameter file, and the identifier refuses 1.
 _STABLE = 1 - 1e-6
 _FIRST_ORDER = 40
 _PASSES_FOR_PLATFORM = 20  # number of passes of each speed to fit the platform
 _PASSES_FOR_START = 4
 _FREQUENCIES = np.geomspace(8.0, 120.0, 28)  # natural frequencies in Hz to start the fit with
 _LEAST_NOISE = 1e-9  # smallest peak-to-peak value in kg of a signal that is considered noisy
-_FREE = (1.0, 1.0, 1.0, 1.0, 1.0)  # wide prior standard deviations of oscillations and zero in kg
+_FREE = (1.0, 1.0, 1.0, 1.0, 1.0)  # wide prior standard deviations of oscillations and zero in kg.
 # Bounds of the fitted values: ln(natural frequency in Hz), ln(damping ratio), ln(moving mass /
 # heaviest product), and the parameters entry_begin and entry_end in mm.
 _LOWEST = np.array([math.log(2.0), math.log(1e-3), math.log(1.0), -20.0, -20.0])

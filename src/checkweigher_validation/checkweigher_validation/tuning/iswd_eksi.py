@@ -41,7 +41,7 @@ class TunedIswdEksi(Tunable):
         return tuple(found)
 
     def start(self, axis: Axis) -> float:
-        """Return the start of the search, which is the value of `base` at this speed."""
+        """Return the start value of an axis, which is the value in `base` at this speed."""
         known = self.base.denoise
         if not hasattr(known, axis.name):
             return super().start(axis)

@@ -48,7 +48,7 @@ from checkweigher_validation.tuning.tunables import Tunable
 
 _LONGEST_LEAD = 0.75  # longest used signal before t1, as a multiple of t3 - t1
 _ALONE = 0.02  # quantile of the gaps before the products of the training passes at a speed
-_LESS = 0.95  # ratio of the gap that is required in production to this quantile
+_LESS = 0.95  # ratio of the gap required in production to that of the training passes
 _FEWEST = 3  # smallest number of passes from which weights are learned
 _SLOWER = 0.01  # assumed relative difference of the natural frequency between products
 _ZERO = 2.0  # ratio of z to the standard deviation of the zero that the segmenter states
@@ -217,7 +217,7 @@ class TunedLearned(Tunable):
     def _fits(self) -> tuple[CrossValidatedFit, CrossValidatedFit | None]:
         """Fit to the features after t2, and fit to all features.
 
-        The latter is None if the signal before t2 is used in too few passes.
+        The second fit is None if the signal before t2 is used in too few passes.
         """
         layout = self.known.layout
         prior = self._prior(layout)

@@ -14,8 +14,8 @@ from checkweigher_dsp.estimation.estimators.base import Axis
 
 BUDGET = 240  # default number of evaluations
 _EXPLORED = 0.4  # fraction of the budget that is spread over the whole space
-_DESCENTS = 3  # largest number of simplex searches from different points
-_APART = 0.25  # smallest distance between these points, whose coordinates are from 0 to 1
+_DESCENTS = 3  # largest number of simplex searches with different start points
+_APART = 0.25  # smallest distance between the start points of the simplex searches
 _FIRST_STEP = 0.2
 _SEED = 1
 _DIGITS = 5  # significant digits of a value; more digits would differ between computers

@@ -11,7 +11,7 @@ from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.signal.rise_lag import lag_of
 from checkweigher_validation.accuracy.passes import KnownPass, group_by_speed
 
-_FEWEST = 3  # smallest number of passes of one speed
+_FEWEST = 3  # smallest number of passes of one speed with a known lag
 _DIGITS = 7  # number of decimal places of the parameters
 
 

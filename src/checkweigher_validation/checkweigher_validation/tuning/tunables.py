@@ -78,7 +78,7 @@ class Tunable:
         return self.estimator.axes
 
     def start(self, axis: Axis) -> float:
-        """Return the start of the search, which is the value of `base` at this speed."""
+        """Return the start value of an axis, which is the value in `base` at this speed."""
         known = self.known
         return known.at(axis.name, self.group.speed) if hasattr(known, axis.name) else axis.start
 

@@ -44,7 +44,7 @@ WARM_UP_MINUTES = (0.0, 5.0, 15.0, 30.0)
 LEVEL = 0.95  # confidence level of the intervals whose coverage is reported
 
 _CLOSE = 1.25  # largest ratio of a load to Min, or of Max to a load, that counts as close
-_THIRD = (0.25, 0.5)  # loads that count as about a third of Max, relative to Max
+_THIRD = (0.25, 0.5)  # smallest and largest load that counts as a third of Max, relative to Max
 _REFERENCE_SHARE = 1 / 3  # largest expanded uncertainty of a reference mass, relative to the limit
 _SAME_SPEED = 0.05  # largest relative deviation from the planned belt speed
 _LATE = 1.0  # largest deviation from a planned warm-up time in min
@@ -59,15 +59,15 @@ class Result:
     number: int  # number of this attempt at the step, from 1
     attempts: int  # number of all attempts at the step
     count: int = 0  # number of weighed passes
-    required: int = 0  # number of weighings that the rule requires
-    faults: int = 0  # number of passes without a mass
+    required: int = 0  # number of weighings that OIML R 51-1 requires
+    faults: int = 0  # number of passes without a mass.
     # Mean error of the passes, error of the load at rest, or change of the zero.
     error: float = math.nan
     worst_error: float = math.nan  # signed error of the pass with the largest magnitude
     std_dev: float = math.nan
     spread: float = math.nan  # difference between the largest and the smallest error
     uncertainty: float = math.nan  # expanded uncertainty of the error, k = 2
-    coverage: float = math.nan  # fraction of the passes whose error is within the stated interval
+    coverage: float = math.nan  # fraction of the errors within the stated 95 % interval
     max_error: float = math.nan
     max_std_dev: float = math.nan
     failures: tuple[str, ...] = ()
@@ -319,10 +319,10 @@ def _step_departures(procedure: Procedure, results: Sequence[Result]) -> Iterato
 
 
 def _foreign_cell(procedure: Procedure) -> Iterator[str]:
-    """Yield sentences if the load cell is not that of the plan, or has another calibration.
+    """Yield a sentence if the load cell is not that of the plan, or not calibrated as in the log.
 
     The samples contain the serial number of the load cell or, if it is digital, of its amplifier.
-    The calibration is compared with the audit log.
+    The calibration in the samples is compared with that in the audit log.
     """
     plan, own = procedure.plan, procedure.load_cell
     planned = [str(each.get('serial', '')) for each in (plan.load_cell, plan.amplifier)]

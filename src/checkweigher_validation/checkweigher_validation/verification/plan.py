@@ -30,7 +30,7 @@ LONGEST = 10_000  # largest number of characters of a plan
 MINUTE = 60.0  # s
 PLANS, VERIFICATIONS = 'plans', 'verifications'  # subfolders of the folder of a machine
 
-_ROUNDING = 1 + 1e-9  # tolerance for rounding errors of a mass that equals a limit
+_ROUNDING = 1 + 1e-9  # tolerance for rounding errors of a mass that equals a limit.
 # Largest number of passes, largest mass in g, and largest belt speed in m/min.
 _MOST_PASSES, _LARGEST_G, _FASTEST = 10_000, 1e7, 600.0
 
@@ -54,8 +54,8 @@ class Mass(Settings):
     def __post_init__(self) -> None:
         if not re.fullmatch(r'\w[\w.-]*', self.name):
             raise SettingsError(
-                'a name may contain only letters, digits, _, - and ., and must not begin with - or '
-                'a dot'
+                'a name may contain only letters, digits, _, - and dots, and must not begin with - '
+                'or a dot'
             )
 
     @property
