@@ -20,7 +20,9 @@ class MetricsSettings(Settings):
     port: int = parameter(9464, 'port; 0 selects a free port', minimum=0, maximum=65535)
     certificate: str = parameter('', 'PEM file of the server certificate; empty without TLS')
     key: str = parameter('', 'PEM file of the private key')
-    clients: str = parameter('', 'PEM file with the trusted certificates; empty accepts any client')
+    clients: str = parameter(
+        '', 'PEM file with the trusted certificates of clients; empty accepts any client'
+    )
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,9 @@ class MqttSettings(Settings):
     site: str = parameter('', 'Sparkplug B group; empty to publish only JSON')
     commands: bool = parameter(False, 'whether hosts may select products, begin batches and zero')
     store: str = parameter('', 'file of waiting items; empty selects one in the state folder')
-    limit: int = parameter(1_000_000, 'waiting items above which the oldest is dropped', minimum=1)
+    limit: int = parameter(
+        1_000_000, 'largest number of waiting items; beyond it, the oldest is dropped', minimum=1
+    )
 
 
 @dataclass(frozen=True)
@@ -48,7 +52,9 @@ class OpcuaSettings(Settings):
 
     host: str = parameter(_ADDRESS, 'address at which the server listens')
     port: int = parameter(4840, 'port; 0 selects a free port', minimum=0, maximum=65535)
-    certificate: str = parameter('', 'PEM file; required unless host is a loopback address')
+    certificate: str = parameter(
+        '', 'PEM file of the certificate; required unless host is a loopback address'
+    )
     key: str = parameter('', 'PEM file of the private key')
     clients: str = parameter('', 'folder with the trusted certificates of clients or authorities')
     users: str = parameter('', 'users file; empty selects the file of the command user')
