@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Progress of a long computation with its remaining time, as a bar or as lines of text."""
+"""Display of the progress and remaining time of a computation, as a bar or as lines of text."""
 
 from collections.abc import Callable, Iterable, Iterator, Sized
 import math
@@ -15,7 +15,8 @@ T = TypeVar('T')
 _DELAY = 1.0  # delay of the bar in s
 _FORMAT = '{desc}: {percentage:3.0f}%|{bar}| {elapsed}, about {remaining} left'
 
-PROGRESS = 'CHECKWEIGHER_PROGRESS'  # environment variable that is set for lines instead of a bar
+# Name of the environment variable that, if it is set, selects lines of text instead of a bar.
+PROGRESS = 'CHECKWEIGHER_PROGRESS'
 _LINE = 'progress {:.4f}, {:.1f} s left: {}'
 _READ = re.compile(r'progress (\S+), (\S+) s left: (.*)')
 
@@ -23,8 +24,8 @@ _READ = re.compile(r'progress (\S+), (\S+) s left: (.*)')
 class Progress(NamedTuple):
     """Progress of a computation."""
 
-    doing: str
-    share: float  # fraction that is done, from 0 to 1
+    doing: str  # what the computation does, such as "reading"
+    share: float  # completed fraction of the computation, from 0 to 1
     remaining: float  # estimated remaining time in s, NaN if it is not known
 
 
@@ -46,9 +47,12 @@ def with_progress(
     """Return an iterable over the same items that shows a progress bar.
 
     The bar appears only on a terminal, and only after one second. If the environment variable
-    `PROGRESS` is set, lines for `read_progress` are printed instead. `total` is the number of
-    items, which is needed if `items` has no length. If the items take unequal time, `size` returns
-    the share of an item, and `total` is the sum of the shares. If `shown` is False, no bar appears.
+    CHECKWEIGHER_PROGRESS is set and `total` is known, lines of text are printed instead, which
+    `read_progress` can parse.
+
+    `total` is the number of items. By default, it is the length of `items`. If the items take
+    unequal time, `size` returns the amount of work of an item, and `total` is the sum of these
+    amounts. If `shown` is False, neither a bar nor lines appear.
     """
     total = len(items) if total is None and isinstance(items, Sized) else total
     if shown and total and PROGRESS in os.environ:
@@ -57,7 +61,8 @@ def with_progress(
         return items
     from tqdm import tqdm  # imported late, because the import is slow
 
-    # The remaining time is based on the mean speed, because the speed of single items varies.
+    # With `smoothing=0`, the remaining time is estimated from the mean speed since the start. The
+    # speed of the latest items alone varies too much for an estimate.
     bar = tqdm(
         items,
         doing,

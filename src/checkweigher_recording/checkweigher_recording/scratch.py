@@ -1,6 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Temporary folders for copies of bags. A folder is removed even if its process was killed."""
+"""Temporary folders for copies of bags.
+
+If a process was killed, its folder is removed when another process creates such a folder.
+"""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -18,7 +21,8 @@ def scratch_folder() -> Iterator[Path]:
     """Create a temporary folder, and remove it at the end of the block.
 
     The process holds a lock on its folder. The kernel releases the lock when the process ends, so
-    `remove_abandoned`, which is called first, can find the folders of killed processes.
+    `remove_abandoned` can recognize the folders of killed processes. These folders are removed
+    before the new folder is created.
     """
     remove_abandoned()
     folder, lock = _locked_folder()
@@ -36,7 +40,7 @@ def remove_abandoned() -> None:
             lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
         except OSError:  # the folder belongs to another user, or was removed meanwhile
             continue
-        with suppress(OSError):  # the folder is in use, or the file system has no locks
+        with suppress(OSError):  # the folder is in use, or the file system does not support locks
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             if os.fstat(lock).st_uid == os.getuid():
                 shutil.rmtree(folder, ignore_errors=True)
@@ -50,7 +54,7 @@ def _locked_folder() -> tuple[Path, int]:
             lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
         except FileNotFoundError:  # another process removed the folder before it was locked
             continue
-        with suppress(OSError):  # some file systems have no locks
+        with suppress(OSError):  # some file systems do not support locks
             fcntl.flock(lock, fcntl.LOCK_EX)
         if folder.exists():
             return folder, lock

@@ -24,7 +24,7 @@ def holds_bag(names: Iterable[str]) -> bool:
 
 @contextmanager
 def local_bag(bag: str) -> Iterator[Path]:
-    """Yield the local path of a bag. If `bag` is a URL, the path leads to a temporary copy.
+    """Yield the local path of a bag. If `bag` is a URL, this is the path of a temporary copy.
 
     Raises `BagError` if the bag cannot be copied. In a `BagError` that is raised in the block, the
     path of the copy is replaced by the URL.
@@ -57,11 +57,12 @@ def store_errors(url: str) -> Iterator[Callable[[str], tuple[Any, str]]]:
         raise
     except ImportError as error:
         raise BagError(f'{url}: {" ".join(str(error).split())}') from None
-    # Convert all exceptions, because the file systems of fsspec share no base class of theirs.
+    # Convert all exceptions, because those of the fsspec file systems have no common base class.
     except Exception as error:
         text = ' '.join(str(error).split()) or type(error).__name__
         if isinstance(error, FileNotFoundError):
-            # The HTTP file system raises FileNotFoundError for every failure, so see its cause.
+            # The HTTP file system raises FileNotFoundError for every failure, so the cause of the
+            # exception decides whether the file is really missing.
             cause = ' '.join(str(error.__cause__ or '').split())
             missing = not cause or getattr(error.__cause__, 'status', None) == HTTPStatus.NOT_FOUND
             text = 'there is no such file or folder' if missing else cause

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Digest of a bag. Results are stored with the digest of their bag."""
+"""Digest of a bag, which is stored with the results of the bag and identifies its content."""
 
 import hashlib
 from pathlib import Path

@@ -20,7 +20,7 @@ def find_bags(places: Iterable[str]) -> dict[str, str]:
     ``.mcap`` file or ``metadata.yaml``. The bags are in the order of `places`, and in alphabetical
     order within a place. A bag that can be found by several paths is returned once. Folders whose
     names begin with a dot are skipped. If a place has no bag or cannot be listed, the place itself
-    is returned as a bag: the caller gets the error when it reads that bag.
+    is returned as a bag, so that the caller gets the error when it reads that bag.
 
     Raises `BagError` if no place has a bag.
     """
@@ -47,8 +47,11 @@ def result_names(found: Mapping[str, str]) -> dict[str, str]:
     """Return a unique relative path for the results of each bag that `find_bags` has found.
 
     The path consists of the last folder of the place and the path of the bag within the place. If
-    two bags would have the same path, all paths begin with one or more parent folders. With a
-    single place, the paths of the known bags do not change when bags are added.
+    two bags would have the same path, all paths begin with one or more parent folders of the place.
+    With a single place, the paths of the known bags do not change when bags are added.
+
+    Raises `BagError` if the paths cannot be made unique, because two places differ only in their
+    spelling.
     """
     parts = {bag: _parts(bag) for bag in found}
     above = {bag: max(len(_parts(place)) - 1, 0) for bag, place in found.items()}

@@ -26,7 +26,7 @@ class BagError(ValueError):
 
 @contextmanager
 def bag_errors(path: Path) -> Iterator[None]:
-    """Convert exceptions of the libraries that read the bag or the file `path` to `BagError`."""
+    """Convert the exceptions in a block that reads the bag or file `path` to `BagError`."""
     try:
         yield
     except BagError:
@@ -41,7 +41,7 @@ def bag_errors(path: Path) -> Iterator[None]:
 
 
 def typestore(ports: Iterable[Port] = RECORDED) -> Typestore:
-    """Return a store with the installed definitions of the messages of some ports.
+    """Return a type store that contains the installed message definitions of some ports.
 
     A definition is read from its package when it is needed for the first time.
 
@@ -97,11 +97,11 @@ def serialize(port: Port, record: Any, stamp: int) -> bytes:
 
 
 def deserialize(port: Port, data: bytes, store: Typestore | None = None) -> Any:
-    """Return the record of a CDR message of a port.
+    """Return the record that a CDR message of a port contains.
 
     `store` contains the definition of the message. By default, the installed definition is used.
 
-    Raises an exception if `data` is not such a message, or contains an invalid value.
+    Raises an exception if `data` is not a message of the port, or contains an invalid value.
     """
     message: Any = (store or typestore([port])).deserialize_cdr(data, port.message_type)
     stamp = message.header.stamp
@@ -129,8 +129,9 @@ def check_definition(path: Path, connection: Connection, port: Port) -> None:
 def definitions_of(path: Path, connection: Connection, port: Port) -> Typestore:
     """Return the definitions to use for the messages of a connection.
 
-    The definitions in the bag are returned if they lack only fields that were added in a later
-    version. Otherwise the installed definitions are returned.
+    The definitions in the bag are returned if they differ from the installed ones only because
+    they lack fields that a later version of the program has added. Otherwise, the installed
+    definitions are returned.
 
     Raises `BagError` if the definitions differ in any other way.
     """
@@ -153,7 +154,7 @@ def _lacks_only_newer_fields(stored: Typestore, port: Port) -> bool:
 
 
 def _type_hash(definition: MessageDefinition, port: Port) -> str:
-    """Return the hash of a definition from a bag, or an empty string without a definition."""
+    """Return the hash of a definition from a bag, or an empty string if the bag has none."""
     known = typestore([port])
     if definition.data == known.generate_msgdef(port.message_type, ros_version=2)[0]:
         return known.hash_rihs01(port.message_type)

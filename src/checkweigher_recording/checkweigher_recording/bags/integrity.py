@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Integrity checks of the files of a bag, by the check sums of MCAP and by SQLite."""
+"""Integrity checks of the files of a bag: check sums for MCAP, and the check of SQLite itself."""
 
 from contextlib import closing
 import os
@@ -17,7 +17,8 @@ from mcap.stream_reader import MAGIC_SIZE
 from checkweigher_recording.bags.definitions import BagError, bag_errors
 
 MAGIC = b'\x89MCAP0\r\n'
-# Layouts of the last two records of an MCAP file: opcode, length and content.
+# Layouts (opcode, length and content) of two records of an MCAP file: the record Data End, which is
+# the last one of the data section, and the record Footer, which is the last one of the file.
 _DATA_END, _FOOTER = struct.Struct('<BQI'), struct.Struct('<BQQQI')
 _PIECE = 1 << 20  # number of bytes that are read at a time
 
@@ -45,7 +46,10 @@ def check_file(path: Path, name: Path | None = None) -> None:
 
 
 def _check_mcap(file: BinaryIO, name: Path) -> None:
-    """Check the first and last bytes and the check sums of a file. A check sum of 0 is ignored."""
+    """Check the first and last bytes and the check sums of a file.
+
+    A check sum of 0 is not compared, because in MCAP it means that no check sum was computed.
+    """
     size = file.seek(0, os.SEEK_END)
     if size == 0:
         raise BagError(f'{name}: empty; the recording has not begun')

@@ -17,7 +17,7 @@ from checkweigher_recording.bags.definitions import BagError, deserialize
 from checkweigher_recording.bags.sample_decoding import decode_samples
 
 _AT_ONCE, _BYTES_AT_ONCE = 4096, 1 << 22  # largest number and size of messages decoded at once
-_LATE = 60 * NANOSECONDS  # largest delay in ns of a message behind a message with a later stamp
+_LATE = 60 * NANOSECONDS  # largest amount in ns by which a stamp may precede an earlier message's
 
 
 class OutOfOrderError(BagError):
@@ -42,7 +42,11 @@ class LaneMessages:
         self._end: int | None = None  # end of the last stretch in ns
 
     def take(self, topic: str, port: Port, data: bytes) -> None:
-        """Add a message. Raises `BagError` if the message is not valid."""
+        """Add a message.
+
+        Many messages are decoded together. An exception is therefore raised if this message or an
+        earlier message, which had not been decoded yet, is not valid.
+        """
         self.numbers[topic] += 1
         self._since += 1
         self._bytes += len(data)
@@ -60,12 +64,15 @@ class LaneMessages:
         self._samples, self._since, self._bytes = [], 0, 0
 
     def take_cell(self, data: bytes) -> None:
-        """Add a load-cell message. A bag may contain several equal messages."""
+        """Add a load-cell message. A bag may contain several equal messages.
+
+        Raises `BagError` if the message is not valid, or differs from an earlier one.
+        """
         try:
             cell: LoadCell = deserialize(LOAD_CELL_INFO, data)
         except ValueError as error:
             raise BagError(
-                f'{self._path}: {LOAD_CELL_INFO.name}: {error}; correct the driver, record again'
+                f'{self._path}: {LOAD_CELL_INFO.name}: {error}; correct the driver and record again'
             ) from None
         if self._cell not in (None, cell):
             raise BagError(
@@ -77,8 +84,8 @@ class LaneMessages:
     def stretch(self) -> Recording | None:
         """Return the next stretch, which ends one minute before the latest stamp.
 
-        Returns None if there are too few events. Raises `OutOfOrderError` if a message belongs to a
-        stretch that was already returned.
+        Returns None if no further stretch is complete yet. Raises `OutOfOrderError` if a message
+        belongs to a stretch that was already returned.
         """
         if self._since:  # some messages are not decoded yet
             return None
@@ -96,7 +103,11 @@ class LaneMessages:
         return self._recording(complete, events)
 
     def rest(self) -> Recording:
-        """Return all remaining events. Raises `BagError` if there is no load cell or no sample."""
+        """Return all remaining events as the last stretch.
+
+        Raises `BagError` if the bag has no load-cell message or no samples, and `OutOfOrderError`
+        as `stretch` does.
+        """
         self._decode()
         blocks = self._sorted()
         recording = self._recording(blocks, self._events)

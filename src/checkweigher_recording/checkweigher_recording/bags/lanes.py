@@ -14,12 +14,12 @@ Lane = list[tuple[Connection, Port]]
 
 
 def lane_prefix(namespace: str) -> str:
-    """Return the prefix of all topics in a namespace, which may be given without slashes."""
+    """Return the prefix of topic names in a namespace, whose outer slashes may be left out."""
     return ''.join(f'/{part}' for part in namespace.split('/') if part)
 
 
 def find_port(name: str, ports: Iterable[Port]) -> tuple[str, Port] | None:
-    """Return the lane and the port of a topic, or None if the topic belongs to no port."""
+    """Return the lane prefix and the port of a topic, or None if the topic belongs to no port."""
     name = f'/{name.lstrip("/")}'
     found = [port for port in ports if name == port.name or name.endswith(f'/{port.name}')]
     if not found:
@@ -30,7 +30,7 @@ def find_port(name: str, ports: Iterable[Port]) -> tuple[str, Port] | None:
 
 
 def lanes_of(connections: Iterable[Connection], ports: Collection[Port]) -> dict[str, Lane]:
-    """Return the connections that belong to a port as pairs (connection, port), by lane."""
+    """Return the connections of the given ports by lane prefix, as pairs (connection, port)."""
     lanes: dict[str, Lane] = {}
     for connection in connections:
         if found := find_port(connection.topic, ports):

@@ -41,17 +41,19 @@ def read_bag(path: Path, namespace: str | None = None, *, progress: bool = False
     -------
     Recording
         Events in canonical order, whatever their order in the bag. Its `warning` is not empty if
-        the recording is incomplete or has no check sums.
+        the recording is incomplete, or is stored in SQLite, which has no check sums.
 
     Raises
     ------
     BagError
-        If the bag is missing or damaged, or contains no lane of a checkweigher.
+        If the bag is missing or damaged, contains no lane of a checkweigher, contains several
+        lanes while `namespace` is None, or was recorded with other message definitions.
 
     Notes
     -----
-    Check sums are verified if the file contains them. For each topic, the numbers of messages that
-    are stated in ``metadata.yaml``, stated in the files and read must agree.
+    Check sums are verified if the file contains them. For each topic, the number of messages in
+    ``metadata.yaml`` must equal the number that the files state. For each topic of the lane, that
+    number of messages must be read.
     """
     (recording,) = read_stretches(path, namespace, progress=progress, whole=True)
     return recording
@@ -60,15 +62,17 @@ def read_bag(path: Path, namespace: str | None = None, *, progress: bool = False
 def read_stretches(
     path: Path, namespace: str | None = None, *, progress: bool = False, whole: bool = False
 ) -> Iterator[Recording]:
-    """Read one lane of a bag in parts ("stretches") of about one minute, in limited memory.
+    """Read one lane of a bag in consecutive parts ("stretches"), so that little memory is needed.
 
     If `whole` is True, the bag is a single part. Together, the parts contain the events that
-    `read_bag` returns, in the same order. The first part contains samples, the last part contains
-    the `warning`. Missing messages are detected only before the last part, and may concern all
-    parts. The other parameters and exceptions are as in `read_bag`.
+    `read_bag` returns, in the same order. The first part contains samples, and the last part
+    contains the `warning`. Lost messages are detected only after all parts but the last have been
+    returned, and may be missing in any part. The other parameters and exceptions are as in
+    `read_bag`.
 
-    Raises `OutOfOrderError` if a message was logged more than one minute after another message with
-    a later time stamp. `read_bag` can read such a bag.
+    Raises `OutOfOrderError` if a message belongs to a part that was already returned. This happens
+    only if its time stamp is more than one minute before that of an earlier message. `read_bag` can
+    read such a bag.
     """
     with open_bag(path) as bag:
         lane = choose_lane(path, bag.connections, namespace)
@@ -111,7 +115,7 @@ def over_stretches(
 def _load_cell(bag: Reader | UnfinishedBag, lane: Lane) -> bytes | None:
     """Return the first load-cell message of the whole lane, or None."""
     cells = [connection for connection, port in lane if port is LOAD_CELL_INFO]
-    # Skip the call without connections, for which rosbags would return all messages.
+    # Do not call `messages` with an empty list, for which rosbags would return all messages.
     return next((data for _, _, data in bag.messages(cells)), None) if cells else None
 
 
@@ -138,11 +142,11 @@ def _unfinished(path: Path, parts: Sequence[Path]) -> UnfinishedBag:
     bag = UnfinishedBag(parts)
     if bag.damage:
         raise BagError(
-            f'{path}: damaged: {bag.damage}; restore it, or "checkweigher recover" saves what '
-            'is before it'
+            f'{path}: damaged: {bag.damage}; restore the bag, or save the messages before the '
+            'damage by "checkweigher recover"'
         )
     if not bag.message_count:
-        raise BagError(f'{path}: the recording broke off before anything of it was written')
+        raise BagError(f'{path}: the recording broke off before any message was written')
     return bag
 
 

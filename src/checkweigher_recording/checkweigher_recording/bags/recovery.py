@@ -42,7 +42,10 @@ def recover_bag(source: Path, path: Path) -> int:
 
 
 def _only_lane(source: Path, found: Mapping[str, Lane]) -> str:
-    """Return the lane of the messages. Topics with absolute names belong to all lanes."""
+    """Return the prefix of the only lane, or raise `BagError` if there is no or another lane.
+
+    Topics with absolute names are ignored, because they belong to all lanes.
+    """
     lanes = [
         lane
         for lane, pairs in found.items()

@@ -29,7 +29,7 @@ def read_records(path: Path, *wanted: Port) -> dict[str, list[Any]]:
             connection.id: (port, definitions_of(path, connection, port))
             for connection, port in pairs
         }
-        # Skip the call without connections, for which rosbags would return all messages.
+        # Do not call `messages` with an empty list, for which rosbags would return all messages.
         messages = bag.messages([connection for connection, _ in pairs]) if pairs else ()
         for connection, _, data in messages:
             port, store = ports[connection.id]
@@ -38,7 +38,10 @@ def read_records(path: Path, *wanted: Port) -> dict[str, list[Any]]:
 
 
 def files_of_bag(path: Path) -> list[Path]:
-    """Return the MCAP files of a bag, sorted by name. Raises `BagError` if there is no bag."""
+    """Return the MCAP files of a bag, sorted by name.
+
+    Raises `BagError` if `path` is not the folder of a complete MCAP bag.
+    """
     files = sorted(path.glob('*.mcap')) if path.is_dir() else []
     if not files or not (path / 'metadata.yaml').is_file():
         raise BagError(f'{path}: not the folder of a whole MCAP bag')

@@ -44,9 +44,10 @@ class UnfinishedBag:
     """Readable messages of an incomplete recording.
 
     `parts` are the files in the order in which they were written. The end of the last file is
-    missing. `connections` contains the connections of all files, with their message counts. A
-    killed process leaves a file that is cut off at some place. If the files have another fault,
-    `damage` describes it, otherwise `damage` is empty. Messages after a fault are ignored.
+    missing, because a killed process leaves a file that is cut off at an arbitrary byte.
+    `connections` contains the connections of all files, with their message counts. If the files
+    have a fault other than the missing end, `damage` describes the fault; otherwise `damage` is
+    empty. Messages after a fault are ignored.
 
     Raises `BagError` if a file is not MCAP, and `OSError` if a file cannot be read.
     """
@@ -93,7 +94,7 @@ def unfinished_parts(path: Path) -> list[Path]:
     """Return the files of an incomplete recording in the order in which they were written.
 
     The folder of an incomplete recording has no ``metadata.yaml``, because recorders write that
-    file at the end. The list is empty if `path` is anything else.
+    file at the end. The list is empty if `path` is not such a folder.
     """
     if not path.is_dir() or (path / 'metadata.yaml').exists():
         return []
@@ -109,9 +110,9 @@ class _Part:
     """Readable part of an MCAP file that may have been cut off.
 
     `ended` is True if the data section is complete. `damage` describes a fault that cannot result
-    from a killed process or a power loss, such as a wrong check sum that other data follow; it is
-    empty if there is no such fault. Messages after a fault are ignored. `times` contains the
-    earliest and the latest log time in ns; it is empty if there are no messages.
+    from a killed process or a power loss, such as a wrong check sum of a chunk that is followed by
+    other chunks; it is empty if there is no such fault. Messages after a fault are ignored. `times`
+    contains the earliest and the latest log time in ns; it is empty if there are no messages.
     """
 
     def __init__(self, path: Path) -> None:
@@ -119,7 +120,7 @@ class _Part:
         self.damage = ''
         self.times: list[int] = []
         self._path = path
-        self._places: list[tuple[int, int]] = []  # begin and size of records with messages, bytes
+        self._places: list[tuple[int, int]] = []  # begin and size in bytes of records with messages
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._counts: Counter[int] = Counter()

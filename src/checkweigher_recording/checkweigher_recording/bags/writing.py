@@ -68,9 +68,10 @@ class BagWriter(AbstractContextManager['BagWriter', None]):
 
     `ports` are the topics of the bag. The folder of the bag appears at the end of the block, unless
     an exception ends the block. If `in_place` is True, the folder appears with the first message
-    instead, and ``metadata.yaml`` is added at the end of the block. The messages are then kept even
-    if the process is killed. Equal messages with equal calls of `flush` give equal bytes. `path`,
-    `namespace` and the exceptions are as in `write_bag`.
+    instead, and ``metadata.yaml`` is added at the end of the block. If the process is killed, the
+    messages that were written before the latest call of `flush` are then kept. Equal messages with
+    equal calls of `flush` give equal bytes. `path`, `namespace` and the exceptions are as in
+    `write_bag`.
 
     Notes
     -----
@@ -150,7 +151,8 @@ class BagWriter(AbstractContextManager['BagWriter', None]):
             self._file = (self._folder / _FILE).open('xb')
             # Enable the check sum of the data section, which the writer omits by default.
             mcap = Writer(self._file, compression=CompressionType.ZSTD, enable_data_crcs=True)
-            # Set the name of the library, because the default contains a version.
+            # Set the name of the library, because the default contains its version, so that equal
+            # recordings would have other bytes after an update of the library.
             mcap.start(profile='ros2', library='checkweigher')
             self._file.flush()
         except OSError as error:

@@ -30,8 +30,9 @@ def read_edges_file(path: Path, keys: dict[Eye, str], rows: int) -> EdgesFile:
     The file is a JSON object. `keys` maps each eye to its key. The value of that key is a list of
     pairs ``[row, level]``. The eye is blocked from that row on if the level is 1, and clear if it
     is 0. The first pair is the state at the start of the log, and the others are edges. The
-    optional key ``sample_rate_hz`` states the sample rate. The optional key ``mass_g`` states the
-    true mass of all items, or lists that of each item.
+    optional key ``sample_rate_hz`` contains the sample rate in Hz. The optional key ``mass_g``
+    contains the true mass in g, either as one number for all items or as a list with one number for
+    each item.
 
     Raises `CsvError` if the file cannot be read or has a different form.
     """
@@ -41,7 +42,7 @@ def read_edges_file(path: Path, keys: dict[Eye, str], rows: int) -> EdgesFile:
     except (ValueError, RecursionError) as error:
         raise CsvError(f'{path}: not JSON: {error}') from None
     if not isinstance(content, dict):
-        raise CsvError(f'{path}: not an edges file: no object with a list for each eye')
+        raise CsvError(f'{path}: not an edges file: must be an object with a list for each eye')
     switches = tuple(
         (eye, row, blocked)
         for eye, key in keys.items()

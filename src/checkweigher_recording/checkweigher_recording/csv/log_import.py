@@ -57,7 +57,9 @@ class ImportParameters(Parameters):
     infeed: str = parameter('', 'column of the infeed eye; empty with an edges file')
     outfeed: str = parameter('', 'column of the outfeed eye; empty with an edges file')
     threshold: float = parameter(0.5, 'value of an eye column above which the eye is blocked')
-    blocked_below: bool = parameter(False, 'whether an eye is blocked below the threshold')
+    blocked_below: bool = parameter(
+        False, 'whether an eye is blocked below the threshold instead of above it'
+    )
     infeed_key: str = parameter('ftc1', 'key of the infeed eye in the edges file')
     outfeed_key: str = parameter('ftc2', 'key of the outfeed eye in the edges file')
     scale: float = parameter(
@@ -66,12 +68,18 @@ class ImportParameters(Parameters):
     slope: float = parameter(0.0, 'slope of the calibration: mass per unit of the signal', unit='g')
     offset: float = parameter(0.0, 'offset of the calibration: mass at signal 0', unit='g')
     counts_per_kg: float = parameter(0.0, 'static sensitivity, instead of slope', unit='1/kg')
-    zero_counts: float = parameter(0.0, 'reading of the empty belt, instead of offset')
+    zero_counts: float = parameter(0.0, 'reading of the empty belt in counts, instead of offset')
     min_counts: int = parameter(
-        int(_INT32.min), 'lower limit of the converter', minimum=_INT32.min, maximum=_INT32.max
+        int(_INT32.min),
+        'lower limit of the converter in counts',
+        minimum=_INT32.min,
+        maximum=_INT32.max,
     )
     max_counts: int = parameter(
-        int(_INT32.max), 'upper limit of the converter', minimum=_INT32.min, maximum=_INT32.max
+        int(_INT32.max),
+        'upper limit of the converter in counts',
+        minimum=_INT32.min,
+        maximum=_INT32.max,
     )
     capacity: float = parameter(10.0, 'capacity of the load cell', unit='kg', minimum=1e-6)
     weigh_length: float = parameter(
@@ -91,7 +99,7 @@ class ImportParameters(Parameters):
     def __post_init__(self) -> None:
         super().__post_init__()
         if (self.slope == 0) == (self.counts_per_kg == 0):
-            raise ParameterError('import.slope: give either slope or counts_per_kg, but not 0')
+            raise ParameterError('import.slope: give either slope or counts_per_kg, not equal to 0')
         if self.scale == 0:
             raise ParameterError('import.scale: is 0, but must differ from 0')
         if bool(self.infeed) != bool(self.outfeed):
@@ -158,7 +166,7 @@ class _Clock:
 
 
 def _clock(table: Columns, parameters: ImportParameters, content: EdgesFile | None) -> _Clock:
-    """Return the sampling times of the rows on an evenly spaced grid, which may have gaps."""
+    """Return the sampling times of the rows on an evenly spaced grid, which may lack rows."""
     rate, rows = _given_rate(parameters, content), len(table.columns['signal'])
     begin = parameters.start_time * NANOSECONDS
     time = table.columns.get('time')

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from checkweigher_recording.simulation.simulator import SimulationParameters
 
 # While a product crosses an end of the belt, the mass that moves with the platform changes in 16
-# steps, so its error is at most 1/32 of the product.
+# steps, so its error is at most 1/32 of the product mass.
 _STAIRS = 16
 _IMPACTS = 1000  # maximum number of impacts that wait for their products
 
@@ -58,20 +58,22 @@ class BeltTravel:
         """Create the belt of a line.
 
         `variation` contains the standard deviations of speed, length and spacing; the last is
-        limited so that products do not overlap. `random` supplies the random speeds, and
-        `products` the random lengths and spacings. `next_mass` returns the mass of the next product
-        in kg; by default, the masses of `line` are used cyclically.
+        limited so that products do not overlap. `random` supplies the random speeds and impacts,
+        and `products` supplies the random lengths and spacings; by default, `random` supplies all.
+        `next_mass` returns the mass of the next product in kg; by default, the masses of `line` are
+        used cyclically.
         """
         self.passes: list[Pass] = []  # planned passes that have not ended, in order of entry
-        self.last_exit: float | None = None  # t4 in s of the last product, once it is planned
-        # The following may be set; a new value applies from the next call of `plan` on.
+        self.last_exit: float | None = None  # t4 of the last product in s; None until it is planned
+        # The caller may set the attributes below. A new value takes effect in the next call of
+        # `plan`.
         self.speed = line.speed  # m/s
         self.feed = True  # whether products enter the belt
         self.mass = 0.0  # mass of each product in kg, or 0 for the masses of the line
         self.resting = 0.0  # mass in kg that rests on the belt
         self.gap = 0.0  # free belt between two products in m, or 0 for the spacing of the line
-        # Masses in kg of products put on the infeed by hand, which take the next places, also
-        # without feed. A mass of 0 stands for that of the other products.
+        # Masses in kg of products that are put on the infeed by hand. They are the next products to
+        # enter, even if `feed` is False. A mass of 0 selects the mass of the other products.
         self.by_hand: list[float] = []
         self._line = line
         self._speed_jitter = variation.speed
@@ -90,7 +92,10 @@ class BeltTravel:
         self._travels = [-(line.lead_in + 1.0) * line.speed, 0.0]
 
     def plan(self, begin: float, end: float) -> list[Pass]:
-        """Remove passes that end before `begin`, and return new passes up to `end`, both in s."""
+        """Remove the passes that end before `begin`, and return the new ones that begin by `end`.
+
+        `begin` and `end` are in s.
+        """
         self.passes = [entry for entry in self.passes if entry.t4 >= begin]
         while self._times[1] < begin:
             del self._times[0], self._travels[0]
@@ -110,7 +115,10 @@ class BeltTravel:
         return np.interp(time, self._times, self._travels)
 
     def load(self, time: Array, travel: Array) -> Array:
-        """Return the mass on the belt, (n,) in kg, at times, (n,) in s, and their travels."""
+        """Return the mass on the belt, (n,) in kg.
+
+        `time` is the time, (n,) in s, and `travel` is the belt travel at that time, (n,) in m.
+        """
         load = np.full(len(time), self.resting)
         for entry, touched in self.touched(time):
             load[touched] += entry.mass * self.share(entry, travel[touched])
@@ -165,7 +173,8 @@ class BeltTravel:
         ways = (0.0, length, weigh_length, weigh_length + length)
         t1, t2, t3, t4 = (self._time_of(entry + way) for way in ways)
         mass = self._mass_of_product()
-        # The products of a narrow gap are more than the pieces of travel, each with an impact.
+        # `_extend` draws one impact for each segment of the travel. If the gap is narrow, there are
+        # more products than segments, so a further impact is drawn here.
         impact = self._impacts.popleft() if self._impacts else float(self._random.normal())
         self._planned += 1
         if self._complete():
@@ -173,7 +182,7 @@ class BeltTravel:
         return Pass(mass, t1, t2, t3, t4, entry, impact, length, number)
 
     def _mass_of_product(self) -> float:
-        filled = self._next_mass()  # the filler fills the product even if the mass is not used
+        filled = self._next_mass()  # the filler advances even if the mass it returns is not used
         by_hand = self.by_hand.pop(0) if self.by_hand else 0.0
         return by_hand or self.mass or filled
 

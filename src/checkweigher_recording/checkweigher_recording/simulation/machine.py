@@ -55,7 +55,7 @@ def generator(seed: np.random.SeedSequence) -> np.random.Generator:
 
 
 def _range(draw: Callable[[_Draw, float, float], float], low: float, high: float) -> Any:
-    """Return a dataclass field that is drawn at random from a range."""
+    """Return a dataclass field whose value `_Draw.all_of` draws at random from a range."""
     return field(metadata={'draw': lambda source: draw(source, low, high)})
 
 
@@ -67,7 +67,7 @@ class Rocking:
     """Rotation of the platform about its middle, which changes the reading."""
 
     mode: Platform
-    coupling: float  # change of the reading for a load at the end of the belt, per load
+    coupling: float  # relative change of the reading for a load at an end of the belt
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,9 +90,10 @@ class Transfer:
     strike: float = _sign(0.002, 0.03)  # mean peak force of a strike per kg and belt speed, in s/m
     strike_spread: float = _ratio(0.002, 0.02)  # standard deviation of the peak force, in s/m
     duration: float = _ratio(0.003, 0.012)  # duration of a strike in s
-    tipping: float = _sign(0.01, 0.06)  # mean tipping force per kg with half the product on it
-    tipping_spread: float = _ratio(0.003, 0.03)
-    power: float = _even(0.8, 1.4)
+    # Mean tipping force per kg while half of the product is on the belt.
+    tipping: float = _sign(0.01, 0.06)
+    tipping_spread: float = _ratio(0.003, 0.03)  # standard deviation of the tipping force per kg
+    power: float = _even(0.8, 1.4)  # exponent of the mass
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,10 +188,10 @@ class NoiseLevels:
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """Values of a machine for fields of `SimulationParameters`."""
+    """Properties of a machine that are also fields of `SimulationParameters`."""
 
     sample_rate: float  # sample rate in Hz
-    counts_per_kg: float
+    counts_per_kg: float  # static sensitivity in 1/kg
     product_length: float  # length of a product in m
     weigh_length: float  # distance between the photo-eyes in m
     spacing: float  # distance between leading edges in m
@@ -302,7 +303,7 @@ def _roller(draw: _Draw) -> Roller:
 
 
 def _joint(draw: _Draw, setup: Setup) -> Joint:
-    # The belt runs around two rollers whose distance is slightly above that of the eyes.
+    # The belt runs around two rollers, which are slightly further apart than the photo-eyes.
     belt = 2 * setup.weigh_length * draw.even(1.1, 1.5)
     return Joint(belt, draw.even(0.004, 0.015), draw.sign(5e-4, 5e-3))
 

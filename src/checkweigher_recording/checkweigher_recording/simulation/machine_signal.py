@@ -64,7 +64,11 @@ def bounce_force(bounce: Bounce, entry: Pass, numbers: Array, time: Array) -> Ar
 def roller_force(
     roller: Roller, phases: Array, wander: Wander, travel: Array, load: Array, speed: float
 ) -> Array:
-    """Return the force of a roller, (n,) in kg. `phases` are the phases of the orders in rad."""
+    """Return the force of a roller, (n,) in kg.
+
+    `phases` contains the phase in rad of each order of the vibration. `travel` is the belt travel,
+    (n,) in m, `load` is the mass on the belt, (n,) in kg, and `speed` is the belt speed in m/s.
+    """
     angle = 2 * travel / roller.diameter + roller.wander * wander(travel)
     force = np.zeros(len(travel))
     lines = zip(roller.amplitudes, phases, strict=True)
@@ -87,7 +91,7 @@ def _half_sine(phase: Array) -> Array:
 
 
 class MachineSignal:
-    """Load-cell signal of a randomly drawn machine. Blocks are computed consecutively."""
+    """Load-cell signal of a randomly drawn machine. Each call continues the signal."""
 
     def __init__(
         self,
@@ -193,7 +197,8 @@ class MachineSignal:
             force += shaking
             moment += roller.place * shaking
         if joint := self._machine.joint:
-            first = self._joint * joint.belt_length  # travel at which it reaches the infeed roller
+            # Travel at which the joint reaches the infeed roller for the first time.
+            first = self._joint * joint.belt_length
             for end, place in ((first, -1), (first + self._weigh_length, 1)):
                 phase = ((travel - end) % joint.belt_length) / joint.width
                 struck = joint.size * speed * _half_sine(phase)

@@ -27,7 +27,7 @@ def _is_dirty(eye: str) -> Any:
 
 
 def _is_dead(eye: str) -> Any:
-    return parameter(False, f'whether the {eye} eye does not switch')
+    return parameter(False, f'whether the {eye} eye is dead, so that it never switches')
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class OperationParameters(Parameters):
     )
     gap: float = parameter(
         0.0,
-        'free belt between two products; 0 selects simulator.spacing',
+        'length of free belt between two products; 0 selects simulator.spacing',
         unit='m',
         minimum=0.0,
         maximum=10.0,
@@ -56,13 +56,14 @@ class OperationParameters(Parameters):
     zero: float = parameter(0.0, 'shift of the zero', unit='kg', minimum=-1.0, maximum=1.0)
     put: int = parameter(
         0,
-        'number of products put on the infeed by hand; each increase puts more, also without feed',
+        'number of products put on the infeed by hand so far; to put n more, increase it by n; '
+        'they also enter without feed',
         minimum=0,
         maximum=1_000_000,
     )
     put_mass: float = parameter(
         0.0,
-        'mass of a product put by hand; 0 selects that of the other products',
+        'mass of a product put on the infeed by hand; 0 selects the mass of the other products',
         unit='kg',
         minimum=0.0,
         maximum=_HEAVIEST,

@@ -16,9 +16,10 @@ middle of the step. The integration is exact for such forces, so it adds no nume
 delay. The converter averages the 8 readings. The time stamp of a sample is the middle of its
 interval, so that the average has no delay.
 
-The forces are the weight of the load, which changes linearly while a product crosses an end of the
-belt; an impact of random sign when a product enters; vibrations of rollers and motor and broadband
-noise, which are proportional to the belt speed; and the vibration of the floor. The converter adds
+With a `Profile`, the forces are the weight of the load, which changes linearly while a product
+crosses an end of the belt; an impact of random sign when a product enters; vibrations of rollers
+and motor and broadband noise, which are proportional to the belt speed; and the vibration of the
+floor. The module `machine` describes the forces of a randomly drawn machine. The converter adds
 white noise, drift and quantisation, and clips the signal. The platform is at rest at the first
 sample.
 """
@@ -52,7 +53,7 @@ MOVING_MASS = 2.5  # moving mass of the empty platform in kg
 DAMPING_RATIO = 0.06  # damping ratio of the empty platform
 IMPACT_DURATION = 0.0035  # duration of the impact at entry in s
 
-_CHUNK_DURATION = 1.0  # duration in s of the signal that is computed at once
+_CHUNK_DURATION = 1.0  # approximate duration in s of the signal that is computed in one piece
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,16 +212,17 @@ def own_values(profile: str) -> dict[str, float]:
 class Simulation:
     """Iterable over the events of a simulated line in canonical order.
 
-    Each iteration begins with the first product, and yields the same events if the attributes do
-    not change. If the parameter ``count`` is 0, the iteration does not end. Events are not kept in
-    memory. The first products do not depend on the number of products.
+    Each iteration restarts the line, and yields the same events if the attributes do not change. If
+    the parameter ``count`` is 0, the iteration does not end. Events are not kept in memory. The
+    properties of a product do not depend on the number of products that follow it.
     """
 
     def __init__(self, parameters: SimulationParameters) -> None:
-        # Settings of the operator. They may change at any time and take effect within one second.
+        # Settings of the operator. They may be replaced at any time, and take effect in the next
+        # chunk of the signal, which usually begins within one second of signal time.
         self.operation = OperationParameters()
         # Function that returns the time stamp in ns of the first sample of an iteration. It is
-        # called when that sample is ready, which takes up to one second.
+        # called after the first chunk of the signal has been computed, because that takes time.
         self.start: Callable[[], int] = lambda: parameters.start_time * NANOSECONDS
         self._begin = 0
         self._parameters = parameters
@@ -232,7 +234,8 @@ class Simulation:
             model='simulated',
             serial_number=f'{parameters.profile}-{parameters.seed}',
         )
-        # Filler of the latest iteration. A new correction takes effect within one second.
+        # Filler of the latest iteration. A new correction takes effect in the next chunk of the
+        # signal.
         self.filler: Filler | None = None
 
     def __iter__(self) -> Iterator[Event]:
@@ -267,7 +270,8 @@ class Simulation:
         yield Reference(self._stamp(entry.t1), entry.mass)
 
     def _stamp(self, time: float) -> int:
-        # Whole seconds are added as integers, because a float stores a time to only about 200 ns.
+        # Whole seconds are added as integers, because a float resolves a time since 1970 to only
+        # about 200 ns.
         whole = math.floor(time)
         return self._begin + whole * NANOSECONDS + round((time - whole) * NANOSECONDS)
 
@@ -290,11 +294,12 @@ class _Machine:
 
     def __init__(self, parameters: SimulationParameters) -> None:
         self.total: int | None = None
-        self._put: int | None = None  # products put by hand so far
+        self._put: int | None = None  # number of products put by hand; None before the first chunk
         self._zero = self._lead = 0.0
         self._parameters = parameters
         self._rate = OVERSAMPLING * parameters.sample_rate
-        # Each cause has its own random numbers, so that a change of one does not affect the others.
+        # Each cause of disturbance has its own random numbers, so that a change of one cause does
+        # not affect the others.
         passes, *sources, products, drawn, filled = np.random.SeedSequence(parameters.seed).spawn(8)
         profile, machine = PROFILES.get(parameters.profile), machine_of(parameters.profile)
         self.filler = Filler(
@@ -331,7 +336,8 @@ class _Machine:
         `first` must be the end of the previous call. If the line ends before `end`, there are fewer
         samples. The passes contain the times that the photo-eyes report.
         """
-        # An eye that is displaced against the belt direction sees a product earlier.
+        # An eye that is displaced against the belt direction sees a product earlier, so passes that
+        # begin after `end` are planned as well.
         until = end / self._parameters.sample_rate + self._lead / self._belt.speed
         new = self._belt.plan(self._middle(first), until)
         if self._belt.last_exit is not None:
@@ -346,7 +352,8 @@ class _Machine:
     def _middle(self, index: int) -> float:
         """Return the time in s of the middle of the first integration step of a sample.
 
-        The starts of the steps of a sample are symmetric about the time stamp of the sample.
+        A reading belongs to the start of a step. The starts of the steps of a sample are symmetric
+        about the time stamp of the sample, so that the average of the readings has no delay.
         """
         return (index * OVERSAMPLING - (OVERSAMPLING - 1) / 2 + 0.5) / self._rate
 
@@ -361,7 +368,7 @@ class _Machine:
 
 
 class _ProfileSignal:
-    """Load-cell signal of a machine with a `Profile`. Blocks are computed consecutively."""
+    """Load-cell signal of a machine with a `Profile`. Each call continues the signal."""
 
     def __init__(
         self,
