@@ -27,9 +27,11 @@ BATCHES = 'batches'
 def faults_in(
     folder: Path, chain: LogChain, signers: Mapping[str, Signer] | None = None
 ) -> Iterator[str]:
-    """Yield a text for each file of a machine that is missing, unknown or changed.
+    """Yield a text for each fault in the folder of a machine.
 
-    `signers` contains the users by name, or is None if signatures are not compared with them.
+    Faults are a fault of the audit logs, a file that is missing, changed or unknown to the audit
+    logs, and a signature that is not valid. `chain` contains the audit logs. `signers` contains the
+    users by name, or is None if signatures are not compared with them.
     """
     entries = chain.entries
     if chain.fault:
@@ -53,7 +55,7 @@ def faults_in(
 def _batch_faults(
     folder: Path, chain: LogChain, signers: Mapping[str, Signer] | None
 ) -> Iterator[str]:
-    """Yield the faults of the batch records, and the batches without a record."""
+    """Yield a text for each fault of a batch record, and for each batch without a record."""
     for name in _latest(chain.entries, RECORD):
         with suppress(RecordError):
             if not record_path(folder, name).exists():
@@ -70,7 +72,10 @@ def _batch_faults(
 
 
 def summary(folder: Path, chain: LogChain) -> Iterator[str]:
-    """Yield the state of each log, the numbers of batches and reports, and the silent days."""
+    """Yield a text on each log, the number of documents, and the days without an entry.
+
+    The documents are the batch records, the reports on batches and the verifications.
+    """
     for path, found in chain.logs:
         yield f'{path.name}: {conclusion(found)}'
         yield from (f'{path.name}: {each}' for each in steps_back(found.entries))

@@ -45,10 +45,10 @@ class _Hashed:
 
 
 def write_backup(folder: Path, archive: Path) -> int:
-    """Write a backup of a folder, whose line may run, and return the number of files.
+    """Write a backup of a folder while its line may be running, and return the number of files.
 
-    The archive gets its name when it is complete and on the disk. The content of each file is that
-    of one moment. The audit log and its head are of the same moment.
+    The archive gets its name only after it is complete and on the disk. Each file is saved as it
+    was at one moment. The audit log and its head are saved as they were at the same moment.
 
     Raises
     ------
@@ -87,7 +87,7 @@ def _add(tar: tarfile.TarFile, folder: Path) -> Iterator[tuple[str, str]]:
             raise UserError(f'{path}: is neither a file nor a folder, so it cannot be saved')
         if head_path(path) in heads:
             data, head_bytes[head_path(path)] = read_consistent(path)
-        elif path in heads:  # read with its log, which precedes it in the sorted paths
+        elif path in heads:  # the head was read with its log, which precedes it in `paths`
             data = head_bytes[path]
         else:
             yield from _add_file(tar, path, name)
@@ -99,7 +99,7 @@ def _add(tar: tarfile.TarFile, folder: Path) -> Iterator[tuple[str, str]]:
 def _add_file(tar: tarfile.TarFile, path: Path, name: str) -> Iterator[tuple[str, str]]:
     try:
         file = path.open('rb')
-    except FileNotFoundError:  # a temporary file that the line has renamed
+    except FileNotFoundError:  # the line has renamed a temporary file since the files were listed
         return
     with file:
         hashed = _Hashed(file)
@@ -120,7 +120,8 @@ def _entry(name: str, size: int, path: Path | None = None) -> tarfile.TarInfo:
 def restore_backup(archive: Path, folder: Path) -> int:
     """Restore a backup to a folder that is new or empty, and return the number of files.
 
-    The folder gets its name when all files have the stated SHA-256 and are on the disk.
+    The folder gets its name only after all files have been compared with their SHA-256 in the
+    archive, and are on the disk.
 
     Raises
     ------
@@ -156,9 +157,10 @@ def restore_backup(archive: Path, folder: Path) -> int:
 
 
 def _part_of_backup(entry: tarfile.TarInfo, place: str) -> tarfile.TarInfo:
-    """Return an entry for extraction by the present user, as the filter of `tarfile`.
+    """Return an entry without its owner, so that the extracted file belongs to the present user.
 
-    Raises `TarError` for anything but files and folders of the machine, and the file of the sums.
+    This function is an extraction filter of `tarfile`. Raises `TarError` unless the entry is a file
+    or folder of the machine, or the file with the SHA-256 of the files.
     """
     parts = PurePosixPath(entry.name).parts
     is_kept = parts[:1] == (_FOLDER,) and '..' not in parts and (entry.isreg() or entry.isdir())
@@ -169,13 +171,13 @@ def _part_of_backup(entry: tarfile.TarInfo, place: str) -> tarfile.TarInfo:
 
 
 def _sums(place: Path) -> dict[str, str]:
-    """Return the stated SHA-256 of each file in an unpacked backup."""
+    """Return the SHA-256 that an unpacked backup states for each file."""
     lines = (place / _SUMS).read_text(encoding='utf-8', errors='replace').splitlines()
     return {name: digest for digest, _, name in (line.partition('  ') for line in lines)}
 
 
 def print_log(log: Path) -> bool:
-    """Print the state of an audit log, and return whether the log is whole."""
+    """Print the state of an audit log, and return whether its hash chain is intact."""
     found = read_log(log)
     print(f'{log}: {conclusion(found)}')
     return found.whole

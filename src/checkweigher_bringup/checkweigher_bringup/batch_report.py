@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Reports on batches, as text, HTML and JSON. The line writes a record of each batch."""
+"""Reports on batches as text, HTML and JSON, from the record that the line writes of each batch."""
 
 from collections.abc import Iterator, Sequence
 import hashlib
@@ -19,7 +19,7 @@ from checkweigher_validation.batch.signatures import RELEASE, Signer
 
 
 def signers_of(users: Path) -> dict[str, Signer]:
-    """Return the users in a file who may sign, by name."""
+    """Return the keys and the right to release of each user in a file, by user name."""
     from checkweigher_web.access.users import least_role, read_users
 
     return {
@@ -36,12 +36,12 @@ def record_files(source: Path) -> list[Path]:
 def item_lines(source: Path, log: Path | None, item: int) -> Iterator[str]:
     """Yield the verdicts on an item in a record, or in all records in a folder.
 
-    Each verdict has the hash of its line. Raises `LineError` if there is no verdict, or if a
-    record that contains one cannot be trusted.
+    Each verdict is followed by the SHA-256 of its line in the record. Raises `LineError` if there
+    is no verdict on the item, or if a record that contains one cannot be trusted.
     """
     found, faults = 0, []
     for record in record_files(source):
-        # Most records of a folder are not read in full.
+        # Most records of a folder do not contain the item, so they are not parsed.
         if b'"item_id":%d,' % item not in record.read_bytes():
             continue
         batch = read_recorded(record, log)
@@ -72,7 +72,7 @@ def _verdicts(record: Path, batch: Batch, item: int) -> Iterator[str]:
 
 
 def fails(batch: Batch, parts: Sequence[PartFigures]) -> bool:
-    """Return whether a record cannot be trusted, or a batch does not meet a rule."""
+    """Return whether the record of a batch cannot be trusted, or the batch does not meet a rule."""
     judged = [part for part in parts if part.judgement and part.reference]
     rules = [each for part in judged for each in (part.judgement, part.reference)]
     return bool(batch.faults) or not all(each.passed for each in rules if each)
@@ -81,7 +81,10 @@ def fails(batch: Batch, parts: Sequence[PartFigures]) -> bool:
 def write_report(
     batch: Batch, parts: Sequence[PartFigures], html: Path | None, json_file: Path | None
 ) -> None:
-    """Write a report as HTML and as JSON, or raise `OutputError` if a file cannot be written."""
+    """Write a report as HTML and as JSON. A format is left out if its path is None.
+
+    Raises `OutputError` if a file cannot be written.
+    """
     if html is not None:
         from checkweigher_validation.report.batch_page import render_batch
 
@@ -110,7 +113,7 @@ def batch_lines(batch: Batch, parts: Sequence[PartFigures]) -> Iterator[str]:
 
 
 def _trust_lines(batch: Batch, title: str) -> Iterator[str]:
-    """Yield lines on a record: its agreement with the audit log, faults, signatures, strays."""
+    """Yield lines on a record: agreement with the audit log, faults, signatures, foreign items."""
     if batch.log:
         state = '' if batch.end else '; the batch has not ended yet'
         agrees = 'agrees with' if batch.in_log is InLog.AGREES else 'does NOT agree with'

@@ -46,13 +46,14 @@ def write_files(record: Path, sha256: str) -> dict[str, str]:
 
     Raises `ValueError` if `sha256` is not the SHA-256 of the record.
     """
-    # Imported late, because the imports are slow and a line starts without a report.
+    # Imported late, because the imports are slow, and are not needed before a batch has finished.
     from checkweigher_bringup.batch_report import write_report
     from checkweigher_production.batch_record import read_lines
     from checkweigher_validation.batch.batch import read_recorded
     from checkweigher_validation.batch.figures import figures_of
 
-    # The node product has just written the record, so the log that it names is the right one.
+    # The node `product` has just written the record, so the audit log that the record names is the
+    # log of this lane.
     log = next(read_lines(record)).get('audit_log')
     batch = read_recorded(record, Path(log) if log else None)
     if batch.sha256 != sha256:

@@ -46,11 +46,11 @@ _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # signals that end a c
 
 
 class _Ended(KeyboardInterrupt):
-    """Exception for a signal that ends the command.
+    """Raised if a signal ends the command.
 
-    The class differs from KeyboardInterrupt, because Python kills itself by SIGINT after a plain
-    KeyboardInterrupt in code that `exec` runs, even if the exception is caught. Python defines a
-    dataclass by `exec`.
+    A plain KeyboardInterrupt is not used. If it is raised in code that `exec` runs, Python kills
+    itself by SIGINT at its exit, even if the exception is caught. The definition of a dataclass,
+    for example, runs such code.
     """
 
 
@@ -134,11 +134,11 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
         _prepare(interrupt)
         status = _run(sys.argv[1:] if arguments is None else arguments)
     except BaseException as error:
-        # C++ code may have replaced `_Ended` by another exception.
+        # C++ code may have replaced `_Ended` by another exception, so the received signal decides.
         if not received:
             raise
         status = 128 + received[0] if not isinstance(error, SystemExit) else _status_of(error)
-    # Otherwise, a signal during the exit of Python would print a traceback.
+    # Ignore further signals, which would print a traceback during the exit of Python.
     for number in _ENDING:
         signal.signal(number, signal.SIG_IGN)
     sys.exit(status)
@@ -149,12 +149,12 @@ def _prepare(interrupt: Callable[[int, FrameType | None], None]) -> None:
     end_with_parent()
     for number in _ENDING:
         # A background command of a shell script starts with SIGINT ignored. The handler replaces
-        # that setting, so that SIGINT ends a recording. The command nohup ignores SIGHUP, and
-        # SIGHUP then stays ignored.
+        # that setting, so that SIGINT ends a recording. The command nohup starts a command with
+        # SIGHUP ignored, which must stay ignored.
         if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, interrupt)
-    # Otherwise, the next opened file would take the file number of a closed standard stream, and
-    # the output of the command would go to that file.
+    # Open the null device in place of each closed standard stream. Otherwise, the next opened file
+    # would take the file number of the stream, and the output of the command would go to that file.
     while (file := os.open(os.devnull, os.O_RDWR)) <= 2:
         pass
     os.close(file)
@@ -165,7 +165,7 @@ def _prepare(interrupt: Callable[[int, FrameType | None], None]) -> None:
 
 
 def _run(arguments: Sequence[str]) -> int:
-    """Run a command and return its exit status. Print an error of the user as one line."""
+    """Run a command and return its exit status. Print a user error as one line."""
     command = ''
     try:
         try:

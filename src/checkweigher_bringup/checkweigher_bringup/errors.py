@@ -8,11 +8,11 @@ from checkweigher_core.printable import one_line
 
 
 class UserError(ValueError):
-    """Error that the user can correct. The message is one line."""
+    """Raised for a fault that the user can correct. The message is one line."""
 
 
 class LineError(UserError):
-    """Failure of a line, record or signature, such as an item without a verdict."""
+    """Raised if a line, a record or a signature fails, for example if an item has no verdict."""
 
     exit_status = 1
 

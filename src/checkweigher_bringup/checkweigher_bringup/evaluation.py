@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Evaluation of bags or of a simulated protocol, for the command `evaluate`."""
+"""Evaluation of estimators on bags or on a simulated protocol, for the command `evaluate`."""
 
 import argparse
 from collections.abc import Iterator, Mapping, Sequence
@@ -44,7 +44,7 @@ Result = tuple[Evaluation, Mapping[str, Tuned], int]
 
 
 def evaluate(arguments: argparse.Namespace, n_jobs: int | None) -> int:
-    """Weigh the passes, print the table, and write the requested files.
+    """Weigh the passes, print the table of accuracies, and write the requested files.
 
     Returns the number of bags that were skipped. `n_jobs` is the number of processes, as in
     `checkweigher_validation.jobs.run_jobs`.
@@ -74,7 +74,7 @@ def evaluate(arguments: argparse.Namespace, n_jobs: int | None) -> int:
 
 
 def evaluate_family(arguments: argparse.Namespace, n_jobs: int | None) -> int:
-    """Tune and weigh on simulated machines, print the tables, and write the requested files.
+    """Tune and test estimators on simulated machines, print the tables, and write the files.
 
     The arguments are those of `evaluate`. Returns 0, because no bags are read.
     """
@@ -224,7 +224,7 @@ def _evaluate_bags(arguments: argparse.Namespace, n_jobs: int | None) -> Result:
 
 
 def _examples(passes: list[KnownPass], base: LineParameters) -> tuple[Example, ...]:
-    """Return the heaviest pass at the lowest speed and, if there are more, at the highest speed."""
+    """Return the heaviest pass at the lowest speed and, with several speeds, at the highest one."""
     groups = group_by_speed(passes)
     ends = groups if len(groups) == 1 else (groups[0], groups[-1])
     return tuple(
@@ -236,7 +236,8 @@ def _examples(passes: list[KnownPass], base: LineParameters) -> tuple[Example, .
 def _sets(train: list[KnownPass], test: list[KnownPass]) -> list[PassSet]:
     """Return the passes for training and for the test, grouped by belt speed.
 
-    Training and test have the same speeds, so that their results can be compared.
+    Training and test have the same speed groups, so that their results can be compared. Raises
+    `UserError` if no test pass can be weighed, or if the sample rates of the passes differ.
     """
     whole = [each for each in (*train, *test) if each.whole]
     if not any(each.whole for each in test):
@@ -265,7 +266,7 @@ def _by_speed(
 
 
 def _line_parameters(arguments: argparse.Namespace) -> LineParameters:
-    """Return the parameters of the line, with those of the methods that only `evaluate` has."""
+    """Return the parameters of the line, with those of the estimators that only `evaluate` has."""
     base = settings.line_parameters(arguments.params)
     compared = ComparedParameters.from_mapping(base.identifier.as_mapping())
     return replace(base, identifier=compared)

@@ -11,7 +11,7 @@ from functools import partial
 import os
 import sys
 
-# The variable must be set before the import of numpy, which the next import causes.
+# OpenBLAS reads this variable when numpy is imported, so it is set before the imports below.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 from rclpy.node import Node
@@ -46,7 +46,10 @@ NODE_CLASSES: dict[str, Callable[[], Node]] = {
 
 
 def make_line(names: Collection[str] = ()) -> list[Node]:
-    """Create the nodes with the given names, or all nodes if `names` is empty."""
+    """Create the nodes with the given names, or all nodes if `names` is empty.
+
+    Raises `ParameterError` if a name is unknown.
+    """
     for name in names:
         if name not in NODE_CLASSES:
             raise ParameterError(f'{name}: is not one of the nodes {", ".join(NODE_CLASSES)}')

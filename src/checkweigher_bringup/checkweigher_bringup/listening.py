@@ -19,8 +19,8 @@ from checkweigher_dsp.pipeline.line import Weighing
 from checkweigher_validation.accuracy.results import ItemResult, ResultJoiner
 
 _ESTIMATE_PATIENCE = 1.0  # time in s after which a verdict is shown without its estimate
-_MAX_REFERENCES = 100  # known masses that are kept until the verdict of their item arrives
-_MAX_UNPAIRED = 1000  # estimates that wait for their verdict, or verdicts for their estimate
+_MAX_REFERENCES = 100  # maximum number of known masses that wait for the verdict of their item
+_MAX_UNPAIRED = 1000  # maximum number of estimates that wait for their verdict, and vice versa
 
 
 class ResultListener(PortNode):
@@ -34,8 +34,8 @@ class ResultListener(PortNode):
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
-        # The queue is not a SimpleQueue. In CPython 3.11, `SimpleQueue.get` may never return if a
-        # signal arrives just before the timeout.
+        # The queue is not a SimpleQueue, because `SimpleQueue.get` of CPython 3.11 may never return
+        # if a signal arrives just before the timeout.
         self.weighings: queue.Queue[Weighing] = queue.Queue()
         self.heard = time.monotonic()
         self.pairs = 0
@@ -50,7 +50,7 @@ class ResultListener(PortNode):
         return int(self.count_publishers(self.resolve_topic_name(ports.LOAD_CELL_SAMPLES.name)))
 
     def listen(self, port: Port, callback: Callable[[Any], None]) -> None:
-        """Call a function with each record on a port of the lane."""
+        """Subscribe to a port of the lane, and call `callback` with each record."""
         self.subscribe(port, callback, qos=port.qos)
 
     def _on_estimate(self, estimate: MassEstimate) -> None:
@@ -72,7 +72,7 @@ class ResultListener(PortNode):
     def _pair(self, estimate: MassEstimate, verdict: Verdict) -> None:
         self.heard = time.monotonic()
         self.pairs += 1
-        # The number of the estimate may be repeated, but the number of the verdict is unique.
+        # The pair gets the item number of the verdict, because that of the estimate may be reused.
         self.weighings.put(Weighing(replace(estimate, item_id=verdict.item_id), verdict))
 
 
@@ -90,7 +90,7 @@ def _estimate_of(verdict: Verdict) -> MassEstimate:
 
 
 def _forget_oldest(unpaired: dict[int, Any]) -> None:
-    """Remove the oldest record if there are too many, because its other half was lost."""
+    """Remove the oldest record if there are too many, because its counterpart was probably lost."""
     if len(unpaired) > _MAX_UNPAIRED:
         del unpaired[next(iter(unpaired))]
 
@@ -105,7 +105,8 @@ class EchoNode(ResultListener):
         self.listen(ports.REFERENCE_MASS, self._references.append)
 
     def _pair_overdue(self) -> None:
-        # An estimate never arrives if it was published before this node discovered the identifier.
+        # An estimate never arrives if it was published before this node discovered the identifier,
+        # so its verdict is paired with the values that it copies from the estimate.
         for key, (arrival, verdict) in list(self._verdicts.items()):
             if time.monotonic() - arrival > _ESTIMATE_PATIENCE:
                 del self._verdicts[key]

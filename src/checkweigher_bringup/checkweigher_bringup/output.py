@@ -22,7 +22,7 @@ from checkweigher_validation.accuracy.results import (
 
 
 def check_output_file(path: Path | None, overwrite: bool) -> None:
-    """Raise `UserError` or `OutputError` if a file cannot be written."""
+    """Raise `UserError` or `OutputError` if a file cannot be written, or must not be replaced."""
     if path is None or is_stream(path):
         return
     if path.is_dir():
@@ -47,9 +47,9 @@ def read_with_warning(path: Path, lane: str | None) -> Recording:
 class ItemTable:
     """Table on the screen with one line per item and a summary at the end.
 
-    The stamp `origin` in ns is subtracted from the times in column t1. If it is None, the stamp of
-    the first item is used, and the header is printed with this item. The table is written to
-    `file`, by default to the standard output.
+    The stamp `origin` in ns is subtracted from the times in column t1. If `origin` is None, the
+    stamp of the first item is used, and the header is printed when this item is shown. The table is
+    written to `file`, by default to the standard output.
     """
 
     def __init__(self, origin: int | None = None, file: TextIO | None = None) -> None:

@@ -25,12 +25,12 @@ from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.ros.ports import Port
 from checkweigher_recording.bags.writing import BagWriter
 
-# Reasons for a fault with which a pass still counts, because its window is complete and training
-# may remove the cause.
+# Reasons of a FAULT that do not exclude a pass. The window of such a pass is complete, and training
+# may remove the cause of the FAULT.
 _OF_USE = {Reason.SPEED_NOT_TRAINED, Reason.NO_CONVERGENCE, Reason.NO_PRODUCT}
 _POLL_PERIOD = 0.2  # s
-_FLUSH_PERIOD = 1.0  # time in s between flushes, after which a kill loses no earlier message
-_FAREWELL = 1.0  # time in s after a signal in which messages in transit are still recorded
+_FLUSH_PERIOD = 1.0  # time in s between flushes; a kill loses at most the messages of this time
+_FAREWELL = 1.0  # maximum time in s after a signal in which messages in transit are recorded
 _PATIENCE = 5.0  # time in s without a message before a warning
 _TRAIL = 1.0  # time in s for the last product to leave the belt
 
@@ -52,7 +52,10 @@ class ReferencePasses:
 
     @property
     def done(self) -> bool:
-        """True if the wanted number of products has passed and the last one has left the belt."""
+        """True if the wanted number of passes was counted, and the last product has left the belt.
+
+        The product is assumed to leave within `_TRAIL` s.
+        """
         return self.count >= self._wanted and time.monotonic() > self._last + _TRAIL
 
     def lines(self) -> Iterator[str]:
@@ -103,7 +106,7 @@ class RecorderNode(PortNode):
             self.subscribe(ports.VERDICT, self._on_verdict)
 
     def write(self, bag: BagWriter) -> bool:
-        """Wait a moment for the next message, write it, and return whether it arrived.
+        """Wait up to 0.2 s for the next message, write it, and return whether it arrived.
 
         The bag is flushed once a second.
         """
@@ -136,9 +139,9 @@ def record(
 ) -> None:
     """Record a lane for `duration` s, until all `passes` are recorded, or until a signal arrives.
 
-    The signals are SIGINT, SIGTERM and SIGHUP. If this process is killed, the bag lacks the last
-    second and the file ``metadata.yaml``. With `inputs_only`, results are not recorded, because a
-    replay computes them again.
+    The signals are SIGINT, SIGTERM and SIGHUP. If this process is killed, the bag lacks the
+    messages of the last second and the file ``metadata.yaml``. With `inputs_only`, results are not
+    recorded, because a replay computes them again.
 
     Raises `OutputError` if the bag cannot be written. Raises `UserError` and leaves no bag if no
     message arrives.

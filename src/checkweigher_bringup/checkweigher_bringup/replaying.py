@@ -39,7 +39,8 @@ class Collector(ResultListener):
     """Node that collects the results of a graph until every item has its verdict.
 
     The replay fails if no message arrives for `patience` s. If the driver `waits` for subscribers,
-    this time begins with the first sample. `failure` is the error of a replay that has failed.
+    this time begins with the first sample. `failure` is the error of a replay that has failed, or
+    None.
     """
 
     def __init__(self, patience: float, *, waits: bool = False) -> None:
@@ -93,9 +94,10 @@ def replay(
 ) -> Iterator[Weighing]:
     """Run the graph on a bag, and yield each item when it has its verdict.
 
-    The parameters of the node `driver` name the bag. With `processes`, each node has its own
-    process. Raises `UserError` if another driver uses the same topics, and `LineError` if the graph
-    ends early or an item gets no verdict.
+    `driver` contains the parameters of the node `driver`, such as the path of the bag, and
+    `parameters` contains those of the other nodes. With `processes`, each node has its own process.
+    Raises `UserError` if another driver uses the same topics, and `LineError` if the graph ends
+    early or an item gets no verdict.
     """
     values = {each.name: getattr(parameters, each.name).as_mapping() for each in fields(parameters)}
     # With deadlines, the results on a slow machine could differ from those of the command `weigh`.
@@ -104,8 +106,8 @@ def replay(
     values['identifier']['learning.record'] = '-'
     values['driver'] = dict(driver)
     with spinning(namespace) as spinner, ExitStack() as stack:
-        # The segmenter publishes a status for each 0.2 s of signal, so a slow replay is silent for
-        # longer.
+        # The segmenter publishes a status for each 0.2 s of signal. At a low replay rate, these
+        # statuses are further apart, so the patience is longer.
         patience = _PATIENCE + (1 / driver['rate'] if driver['rate'] > 0 else 0)
         collector = Collector(patience, waits=driver['listeners'] > 0)
         time.sleep(_DISCOVERY_TIME)

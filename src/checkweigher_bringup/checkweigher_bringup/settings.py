@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Checks of options that several commands have, and parameters from files."""
+"""Functions that check the options of several commands, and that read parameters from files."""
 
 from argparse import Namespace
 from collections.abc import Iterable, Iterator, Sequence
@@ -24,15 +24,15 @@ def line_parameters(
 ) -> LineParameters:
     """Return the parameters of a file, or the defaults if `path` is None.
 
-    `estimator` replaces the estimator of the file. `lane` is the namespace of a lane if the file
-    has the parameters of several lanes.
+    `estimator` replaces the estimator of the file. `lane` is the namespace of the lane to read if
+    the file contains the parameters of several lanes.
     """
     parameters = LineParameters() if path is None else LineParameters.from_file(path, lane)
     return parameters if estimator is None else parameters.with_estimator(estimator)
 
 
 def recipe_of(arguments: Namespace) -> Product | None:
-    """Return the product of the options `--recipes` and `--product`, or None without the options.
+    """Return the product that the options `--recipes` and `--product` name, or None without them.
 
     Raises `UserError` if only one of the options is given or the file lacks the product, and
     `SettingsError` if the file cannot be used.
@@ -67,7 +67,7 @@ def estimator_names(
 
 
 def check_namespace(name: str) -> str:
-    """Return a ROS namespace without a leading slash, or raise `UserError` if it is not valid."""
+    """Return a ROS namespace without outer slashes, or raise `UserError` if it is not valid."""
     name = name.strip('/')
     if name and not re.fullmatch(r'[A-Za-z_]\w*(/[A-Za-z_]\w*)*', name):
         raise UserError(

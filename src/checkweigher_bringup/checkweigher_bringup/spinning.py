@@ -28,9 +28,9 @@ _PROCESS_PATIENCE = 5.0  # time in s after which a process that does not end is 
 def spinning(namespace: str = '', enclave: str = '') -> Iterator[Spinner]:
     """Run ROS and a spinner during a block. Nodes that the block creates are in `namespace`.
 
-    With ROS security, the process uses `enclave` of this namespace. Ctrl-C raises KeyboardInterrupt
-    in the block, which can finish its work while the nodes still exist. The nodes log only warnings
-    and errors, because a command shows its own results.
+    With ROS security, the process uses the enclave `enclave` of this namespace. Ctrl-C raises
+    KeyboardInterrupt in the block, so that the block can finish its work while the nodes still
+    exist. The nodes log only warnings and errors, because a command shows its own results.
     """
     arguments = [*ros_arguments(namespace), '--ros-args', '--log-level', 'warn']
     if enclave:
@@ -53,7 +53,7 @@ def node_command(
 ) -> list[str]:
     """Return the command that runs the `nodes` of a module with parameter files."""
     files = [word for file in parameter_files for word in ('--params-file', str(file))]
-    # The name is that of the node, or that of the module if it runs several nodes.
+    # The enclave has the name of the node, or that of the module if the module runs several nodes.
     name = {path: node for node, path in NODES.items()}.get(module, module.rpartition('.')[2])
     place = [*ros_arguments(namespace), *enclave_arguments(namespace, name)]
     return [sys.executable, '-m', module, *nodes, '--ros-args', *files, *place]
@@ -61,7 +61,7 @@ def node_command(
 
 @contextmanager
 def asked_to_end() -> Iterator[list[int]]:
-    """Collect the numbers of SIGINT, SIGTERM and SIGHUP in a list, instead of raising an exception.
+    """Yield a list that collects SIGINT, SIGTERM and SIGHUP, which then raise no exception.
 
     An exception could interrupt the writing of a message or the start of a process.
     """
@@ -94,11 +94,12 @@ def memory_file() -> Iterator[Path]:
 def write_parameter_file(
     path: Path, parameters: Mapping[str, Mapping[str, object]], namespace: str = '**'
 ) -> None:
-    """Write a ROS parameter file from the parameters of each node in a namespace, by default any.
+    """Write a ROS parameter file. By default, it applies to nodes in any namespace.
 
-    ROS groups the values of all files by the stated name of the node, such as ``/**/driver``, and
-    applies the groups in the order of their first occurrence. A file that must override all others
-    therefore needs the namespace, so that it states the full name of each node.
+    `parameters` contains the parameters by node and name. ROS groups the values of all files by the
+    stated name of the node, such as ``/**/driver``, and applies the groups in the order of their
+    first occurrence. A file that must override all others therefore needs the namespace, so that it
+    states the full name of each node.
     """
     content = {
         f'/{namespace}/{node}'.replace('//', '/'): {

@@ -66,10 +66,10 @@ def read_passes(
     """Return the passes of known mass in bags.
 
     The windows of `ReadPasses.passes` are cut with the parameters `segmenter`, and those of
-    `ReadPasses.untrained` with `untrained`. If `untrained` is None, there are none. `n_jobs` is the
-    number of processes, as in `run_jobs`. Bags that cannot be read are reported on stderr and
-    skipped. Raises `UserError` if a bag has no pass of known mass or another sample rate than the
-    first bag, and `BagError` if no bag can be read.
+    `ReadPasses.untrained` with `untrained`. If the parameter `untrained` is None,
+    `ReadPasses.untrained` is empty. `n_jobs` is the number of processes, as in `run_jobs`. Bags
+    that cannot be read are reported on stderr and skipped. Raises `UserError` if a bag has no pass
+    of known mass or another sample rate than the first bag, and `BagError` if no bag can be read.
     """
     cuts = list(filter(None, (segmenter, untrained)))
     calls = [partial(passes_of_bag, str(bag), lane, cuts, len(bags) == 1) for bag in bags]
@@ -110,8 +110,9 @@ def passes_of_bag(
 ) -> BagPasses | BagError:
     """Return the passes of known mass in a bag, or the error if the bag cannot be read.
 
-    `cuts` has the parameters of `BagPasses.passes` and, optionally, of `BagPasses.untrained`.
-    Samples outside the passes are dropped, because a bag may be larger than the memory.
+    `cuts` contains the parameters with which the windows of `BagPasses.passes` and, optionally, of
+    `BagPasses.untrained` are cut. Samples outside the passes are dropped, because a bag may be
+    larger than the memory.
     """
 
     def work(stretches: Iterable[Recording]) -> BagPasses:
@@ -127,7 +128,7 @@ def passes_of_bag(
                     notes.append(stretch.warning)
                 yield stretch
 
-        # `chain` reads the references last, when all segments of the bag have added theirs.
+        # `chain` reads `references` last, when all parts of the bag have added their references.
         events = chain(join_stretches(taken()), references)
         found, *others = passes_by_cut(first.load_cell, events, cuts)
         return BagPasses(tuple(found), tuple(chain(*others)), first.load_cell, tuple(notes))
@@ -151,12 +152,12 @@ def train(
 ) -> int:
     """Tune estimators on the passes of known mass in bags, and write a parameter file.
 
-    The file contains the tuned parameters and the changed parameters of `base`, and selects the
-    first estimator. If `estimators` is None, all candidates are tuned, and compared with each other
-    and with `base` on held-out passes. The file then contains only the best one, or the estimator
-    of `base` without tuning. `budget` is the largest number of evaluations of each estimator at
-    each speed. `n_jobs` is the number of processes, as in `run_jobs`. Returns the number of bags
-    that were skipped.
+    The file contains the tuned parameters and those parameters of `base` that differ from their
+    defaults, and selects the first estimator. If `estimators` is None, all candidates are tuned,
+    and compared with each other and with `base` on held-out passes. The file then contains only the
+    best one, which may be the estimator of `base` without tuning. `budget` is the largest number of
+    evaluations of each estimator at each speed. `n_jobs` is the number of processes, as in
+    `run_jobs`. Returns the number of bags that were skipped.
     """
     before = base
     as_untrained = base.segmenter if estimators is None else None

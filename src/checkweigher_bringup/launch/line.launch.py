@@ -56,7 +56,8 @@ ARGUMENTS = {
     'empty: as in params_file',
     'one_process': 'whether all nodes share one process; false: one process for each node',
     'remap': 'remapping rules NODE:TOPIC:=OTHER, separated by spaces, to insert your own node',
-    'respawn': 'whether processes that end are restarted; false: the launch then ends, too',
+    'respawn': 'whether processes that end are restarted; false: if a process of the line ends, '
+    'the launch ends, too',
     'folder': 'folder of this machine with calibration, trained parameters, recipes and audit log; '
     'created if necessary; the nodes dynamic_setting and verifier then also run',
     'page': 'whether the web page of the line is served, at http://127.0.0.1:8080/',
@@ -78,7 +79,7 @@ WITH_LANES = (
 
 
 def generate_launch_description():
-    """Return the arguments and the line."""
+    """Return the description of the launch, which contains its arguments and the line."""
     arguments = [
         DeclareLaunchArgument(name, default_value=DEFAULTS.get(name, ''), description=text)
         for name, text in ARGUMENTS.items()
@@ -215,8 +216,8 @@ def make_gateways(context, kept):
 def kept_running(context):
     """Return the options by which launch restarts a process, unless `respawn` is false.
 
-    On SIGTERM, launch ends without ending its processes, which would then prevent a new start. With
-    the added variable, each process ends with its parent.
+    On SIGTERM, launch ends without ending its processes, which would then prevent a new start. The
+    added environment variable makes each process end with its parent.
     """
     return {
         'output': 'screen',
@@ -227,7 +228,7 @@ def kept_running(context):
 
 
 def is_true(context, name):
-    """Return the value of an argument that is true or false."""
+    """Return whether an argument is true."""
     value = normalize_typed_substitution(LaunchConfiguration(name), bool)
     return perform_typed_substitution(context, value, bool)
 

@@ -95,8 +95,8 @@ def _add(group: argparse._ActionsContainer, usage: str, kind: Any, text: str, *m
 
     `usage` is the name of the option (or several, with commas) and, after a space, the name of its
     value. `kind` is the type of the value, a list with the type for one or more values, a tuple of
-    the allowed values, or bool for a flag. `more` may have a default, or a dict of further keywords
-    of `add_argument`.
+    the allowed values, or bool for a flag. `more` may contain a default, or a dict of further
+    keywords of `add_argument`.
     """
     name, _, metavar = usage.partition(' ')
     values: dict[str, Any] = {'type': kind, 'metavar': metavar}

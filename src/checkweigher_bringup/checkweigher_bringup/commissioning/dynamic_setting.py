@@ -48,20 +48,20 @@ _POLL_PERIOD = 0.1  # s
 _END_PATIENCE = 20.0  # time in s in which a child process must complete its bag
 _NICENESS = 10  # niceness of the training, which gives the line priority
 _NOTHING_WAITS = f'there are no learned parameters to accept; train by {ports.TUNE_PASSES} first'
-_Tell = Callable[..., None]  # publishes the feedback of an action
+_Tell = Callable[..., None]  # function that publishes the feedback of an action
 
 
 @dataclass(frozen=True)
 class DynamicSettingParameters(Parameters):
-    """Parameters of the recording of passes and of the training."""
+    """Parameters of the node that records passes and trains the estimators."""
 
     node: ClassVar[str] = 'dynamic_setting'
 
     folder: str = parameter('', 'folder for the bags passes_N and for machine.yaml; must be given')
     estimator: str = parameter(
         'best',
-        'estimator that is trained and selected in machine.yaml; best: the most accurate one on '
-        'held-out passes',
+        'estimator that is trained, and that is selected in machine.yaml; best: train several, and '
+        'select the most accurate one on held-out passes',
         choices=('best', *ESTIMATORS),
     )
     budget: int = parameter(
@@ -74,7 +74,7 @@ class DynamicSettingParameters(Parameters):
         '', 'file of the parameters that are not trained; empty for the defaults'
     )
     restart_file: str = parameter(
-        '', 'file that is created to request a restart; empty without `run --folder`'
+        '', 'file that the node creates to request a restart of the line; empty: no restart by it'
     )
 
 
@@ -263,8 +263,8 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
     def _interrupt(self, child: subprocess.Popen[bytes]) -> None:
         """Send SIGTERM to a child process and to the worker processes for which it waits.
 
-        The signal is not SIGINT, because a child that is just starting ignores SIGINT if this
-        process ignores it, as it does in the background of a shell.
+        The signal is not SIGINT, because a child process ignores SIGINT while it starts if this
+        process was started with SIGINT ignored, as a shell does with a background command.
         """
         if child.poll() is None:
             os.killpg(child.pid, signal.SIGTERM)
@@ -311,7 +311,11 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
             self._tell(text=found.doing, progress=found.share, remaining=found.remaining)
 
     def _finish(self, status: int) -> None:
-        """Publish the result of the child process. Files without a result are removed."""
+        """Publish the result of the child process, and remove files that are of no use.
+
+        These files are a bag without passes, and the parameters of a training that failed or was
+        cancelled.
+        """
         said, values = self._said, dict[str, Any]()
         if self._recording is not None:
             text = f'{said.passes} of {said.wanted} passes of {GRAMS * said.mass:g} g recorded'

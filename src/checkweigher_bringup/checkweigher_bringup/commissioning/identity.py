@@ -42,7 +42,10 @@ class Identity:
         self._values: NodeValues = {}
 
     def at_begin(self, values: NodeValues, how: str) -> str:
-        """Return the identity before the first step as JSON. `how` is the kind of procedure."""
+        """Return the identity before the first step as JSON.
+
+        `values` contains the parameters of the nodes, and `how` is the kind of procedure.
+        """
         write_parameter_file(self._file, values)
         self._values = values
         self._known |= {
@@ -69,7 +72,7 @@ class Identity:
 
 
 def _changes(before: NodeValues, after: NodeValues) -> Iterator[str]:
-    """Yield a sentence for each parameter that changed during the steps."""
+    """Yield a sentence for each parameter, and for each node, that changed during the steps."""
     for node in sorted({*before, *after}):
         if node not in before or node not in after:
             when = 'before the first' if node in before else 'after the last'

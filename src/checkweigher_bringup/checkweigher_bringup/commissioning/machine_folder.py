@@ -62,7 +62,10 @@ class MachineFolder:
 
     @classmethod
     def made(cls, path: Path) -> 'MachineFolder':
-        """Create the folder with example recipes if it is new, or raise `UserError`."""
+        """Return the folder at `path`. Create the folder and example recipes if they are missing.
+
+        Raises `UserError` if the folder cannot be used or created.
+        """
         path = path.absolute()
         try:
             check_not_installed(path)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Performance test on a running line, in which a person sends the test product."""
+"""Performance test on a running line, over which a person sends a test product several times."""
 
 import math
 import queue
@@ -55,7 +55,8 @@ def _next(states: queue.Queue[PerformanceTest], patience: float, absent: str) ->
 def _follow(states: queue.Queue[PerformanceTest], before: PerformanceTest, timeout: float) -> bool:
     """Print each pass when it is published, and return whether the test has passed.
 
-    `before` is the state before the test. The first new state may already be the end of a test.
+    `before` is the state before the test. The first state after `before` may already be the end of
+    the test. Raises `UserError` if the test does not end within `timeout` s.
     """
     end, shown, begun = time.monotonic() + timeout, 0, False
     while True:

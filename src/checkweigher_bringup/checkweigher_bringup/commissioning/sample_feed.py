@@ -46,7 +46,7 @@ class SampleFeed:
             self._take()
 
     def blocks(self) -> Iterator[SampleBlock]:
-        """Yield each block when it arrives."""
+        """Yield each block when it arrives, or raise `UserError` if nothing arrives for 5 s."""
         while True:
             if (block := self._take()) is not None:
                 self.latest = block

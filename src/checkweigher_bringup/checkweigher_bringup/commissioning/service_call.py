@@ -41,7 +41,7 @@ def call(node: Any, kind: Any, name: str, patience: float, request: Any = None) 
 
 @contextmanager
 def node_that_verifies(namespace: str) -> Iterator[Node]:
-    """Run a node in a lane which, with security on, may also write to the audit log."""
+    """Run a node in a lane. With ROS security, the node has the right to write to the audit log."""
     with spinning(namespace, VERIFIER) as spinner:
         node = rclpy.create_node(VERIFY)
         spinner.add(node)
@@ -49,7 +49,7 @@ def node_that_verifies(namespace: str) -> Iterator[Node]:
 
 
 def write_to_log(node: Node, kind: str, subject: str, value: object, who: str) -> None:
-    """Write an entry to the audit log of the line that runs. Raises `UserError` as `call` does."""
+    """Write an entry to the audit log of the running line. Raises `UserError` as `call` does."""
     text = json.dumps(value)
     request = RecordChange.Request(kind=kind, subject=subject, new_value=text, who=who)
     call(node, RecordChange, ports.RECORD_CHANGE, _PATIENCE, request)

@@ -69,7 +69,7 @@ def _feed(arguments: argparse.Namespace) -> AbstractContextManager[SampleFeed]:
 def ask(text: str, unfinished: str = 'the calibration was done: nothing was written') -> str:
     """Print a request to the technician, wait for Enter, and return the text that was typed.
 
-    If the input ends, `UserError` is raised with a message that ends with `unfinished`.
+    If the standard input ends, `UserError` is raised with a message that ends with `unfinished`.
     """
     print(f'{text}, then press Enter ', end='', file=sys.stderr, flush=True)
     answer = sys.stdin.readline()

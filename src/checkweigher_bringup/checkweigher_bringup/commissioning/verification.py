@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Verification of a machine from a plan, with the bag of its procedure and its report."""
+"""Verification of a machine by a plan, with a bag of the procedure and a report."""
 
 import argparse
 from collections.abc import Callable
@@ -29,7 +29,10 @@ from checkweigher_validation.verification.report import as_json, report_of
 
 
 def verify(arguments: argparse.Namespace) -> str:
-    """Run a procedure and write its report, or write the report of a bag; return the verdict."""
+    """Run a procedure and write its report, or write the report again from the bag of a procedure.
+
+    Returns the verdict, followed by the reason why it is not in the audit log, if there is one.
+    """
     folder: Path = arguments.output
     if arguments.params is not None and not arguments.bags:
         raise UserError('--params: only with --bags; a running line has its own parameters')
@@ -75,7 +78,7 @@ def note_result(node: Node, folder: Path, plan: Plan, verdict: str) -> str:
 
 
 def _unlike_log(log: Path | None, bag: str, verdict: str) -> str:
-    """Return how a bag and its verdict differ from an audit log, or an empty text."""
+    """Return a text on the difference of a bag and its verdict from an audit log, or ''."""
     if log is None:
         return ''
     chain = read_chain(log)

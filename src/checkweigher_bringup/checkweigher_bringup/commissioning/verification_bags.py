@@ -53,7 +53,8 @@ def procedure_of_bags(
 
     Each bag has the name of its step. All bags are weighed with the same parameters, so the
     procedure has one identity of the machine. Raises `UserError` if no step has the name of a bag,
-    if the calibration or the load of a bag is wrong, or if bags overlap in time.
+    if the calibrations of the bags differ, if the load of a bag differs from the plan or is never
+    at rest, or if bags overlap in time.
     """
     steps = {step.name: step for step in steps_of(plan)}
     for bag in bags:
@@ -131,7 +132,10 @@ def _results(weighing: Weighing, items: int, begin: int) -> Iterator[_Record]:
 
 
 def _rest(bag: Path, recording: Recording, steadiness: Steadiness) -> tuple[int, int]:
-    """Return the start and end in ns of the first segment in which the load is at rest."""
+    """Return the start and end in ns of the first segment in which the load is at rest.
+
+    Raises `UserError` if there is no such segment.
+    """
     reading = RestReading(recording.load_cell, steadiness)
     for block in recording.blocks:
         if reading.add(block) is not None:

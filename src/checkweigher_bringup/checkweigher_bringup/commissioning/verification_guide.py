@@ -61,7 +61,7 @@ _SILENCE = 10.0  # time in s without a product after which the operator gets a m
 _POLL_PERIOD = 0.1  # s
 _TRAIL = 0.5  # duration in s of the samples that are recorded after the last step
 _UNFINISHED = 'the verification was complete; the bag contains the steps so far'
-# Parameters that each ROS node has, and that do not affect the weighing.
+# Beginnings of the names of parameters that each ROS node has, and that do not affect the weighing.
 _NOT_OURS = ('use_sim_time', 'qos_overrides', 'start_type_description_service')
 
 
@@ -313,7 +313,11 @@ class _Guide:
 
 
 def _count_weighed(step: Step, items: list[ItemPass]) -> int:
-    """Return the number of weighed items, or of all items if the mass is outside the range."""
+    """Return the number of weighed items of a step.
+
+    If the load of the step is outside the weighing range, all items are counted, because none of
+    them can be weighed.
+    """
     return sum(item.weighed or step.kind == StepKind.OUTSIDE for item in items)
 
 

@@ -50,11 +50,11 @@ _LONGEST = 200  # maximum number of characters of a reason
 
 @dataclass(frozen=True)
 class VerifierParameters(Parameters):
-    """Parameters of the verifications."""
+    """Parameters of the node that runs verifications."""
 
     node: ClassVar[str] = 'verifier'
 
-    folder: str = parameter('', 'folder for the folders plans and verifications; must be given')
+    folder: str = parameter('', 'folder that contains plans/ and verifications/; must be given')
     audit_log: str = parameter(
         '', 'audit log of the line, whose digest the reports contain; empty for none'
     )
@@ -63,7 +63,7 @@ class VerifierParameters(Parameters):
 class RemoteOperator:
     """Operator at the page, who sees the published progress and answers by a service.
 
-    `publish` is called with the progress after each change. `progress` is the initial progress.
+    `progress` is the initial progress. `publish` is called with the new progress after each change.
     """
 
     def __init__(
@@ -178,8 +178,9 @@ class VerifierNode(StageNode[VerifierParameters]):
         self._folder = own_folder(self, self.parameters.folder)
         self._operator: RemoteOperator | None = None
         port = ports.VERIFICATION_PROGRESS
-        # An `Output` would need the lock of the process. A thread that holds the lock may be
-        # waiting for the thread of the procedure.
+        # A plain publisher is used, because an `Output` would need the lock of the process. The
+        # thread of the procedure must not wait for that lock, because a thread that holds it may be
+        # waiting for the procedure.
         self._publisher = self.create_publisher(port.type, port.name, port.qos)
         self.create_action(RunVerification, ports.RUN_VERIFICATION, self._run, self._break_off)
         for kind, name, callback in (
@@ -216,7 +217,11 @@ class VerifierNode(StageNode[VerifierParameters]):
             raise UserError(result.message)
 
     def _begin(self, text: str, publish: Callable[[VerificationProgress], object]) -> Future:
-        """Begin a verification. The result is verdict and folder, or an error and an empty text."""
+        """Begin a verification, and return a future.
+
+        The result of the future is the verdict and the folder or, after a failure, the error and
+        an empty text. Raises `UserError` if a verification is running or the plan is not valid.
+        """
         if self._busy:
             raise UserError(f'busy: a verification is running; cancel {ports.RUN_VERIFICATION}')
         try:

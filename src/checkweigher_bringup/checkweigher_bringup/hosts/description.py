@@ -32,8 +32,8 @@ from checkweigher_core.ros.ports import NODES
 from checkweigher_core.settings_files import Settings, settings_of
 from checkweigher_core.yaml_files import opened
 
-# Nodes that must run on the same host. The clock of this host stamps the items, and their verdicts
-# reach the outputs without the network.
+# Nodes that must run on the same host, because one clock must stamp the samples and time the
+# verdicts, and because the verdicts must reach the outputs even if the network is down.
 AT_MACHINE = ('driver', 'segmenter', 'reject')
 HOSTS, SUBNET = 'hosts', 'subnet'  # kinds of discovery without a discovery server
 SERVER_PORT = 11811  # default port of the discovery server of Fast DDS
@@ -51,7 +51,7 @@ class Share:
 
     @property
     def parameters(self) -> dict[str, Mapping[str, object]]:
-        """Parameters by node. With recipes, the line gives no verdict without a product."""
+        """Parameters by node. With recipes, items are a FAULT until a product is selected."""
         needs = {'needs_product': True} if 'recipes' in self.product else {}
         return {'product': self.product, 'reject': needs}
 
@@ -92,14 +92,14 @@ class LineDescription:
 
 @dataclass(frozen=True)
 class _LaneEntry(Settings):
-    """Lane in the file, which names the host of all nodes or the nodes of each host."""
+    """Entry of a lane, which names either the host of all nodes or the nodes of each host."""
 
     name: str = parameter(text='namespace')
     host: str = parameter('', 'host of all nodes')
     nodes: Mapping[str, tuple[str, ...]] = parameter(None, 'nodes by host')
     params: tuple[str, ...] = parameter((), 'parameter files; later files override earlier files')
     recipes: str = parameter('', 'recipe file')
-    product: str = parameter('', 'product of the recipes at the start')
+    product: str = parameter('', 'product of the recipe file that is selected at the start')
 
     @classmethod
     def prepared(cls, content: Any) -> Any:
@@ -119,7 +119,8 @@ class _LaneEntry(Settings):
     def shares(self, hosts: Mapping[str, str], folder: Path) -> dict[str, Share]:
         """Return the shares of the hosts by host name.
 
-        `hosts` contains the addresses by name. Paths in the entry are relative to `folder`.
+        `hosts` contains the addresses by name. Paths in the entry are relative to `folder`. Raises
+        `SettingsError` if a host is unknown or a file does not exist.
         """
         nodes = self.nodes or {self.host: tuple(NODES)}
         for host in nodes:
@@ -138,7 +139,10 @@ class _LaneEntry(Settings):
 
 
 def _check_share(host: str, names: Sequence[str], placed: Sequence[str]) -> None:
-    """Raise `SettingsError` if a host has no node, an unknown node, or a node that is repeated."""
+    """Raise `SettingsError` if a host has no node, an unknown node, or a node that is repeated.
+
+    `placed` contains the nodes of all hosts of the lane.
+    """
     if not names:
         raise SettingsError('lists no node', 'nodes', host)
     for name in names:
@@ -149,7 +153,7 @@ def _check_share(host: str, names: Sequence[str], placed: Sequence[str]) -> None
 
 
 def _check_nodes(nodes: Mapping[str, tuple[str, ...]]) -> None:
-    """Raise `SettingsError` unless each node has one host and `AT_MACHINE` have the same host."""
+    """Raise `SettingsError` unless each node has one host, and those of `AT_MACHINE` the same."""
     placed = [name for names in nodes.values() for name in names]
     for host, names in nodes.items():
         _check_share(host, names, placed)

@@ -12,7 +12,8 @@ import time
 from checkweigher_bringup.spinning import Process, end_process, start_process
 from checkweigher_core.parent_process import CANNOT_START
 
-# Delay in s before a restart, which doubles while the process keeps ending within `STABLE` s.
+# Delay in s before a restart. It doubles, up to the longest delay, while the process keeps ending
+# within `STABLE` s.
 DELAY, LONGEST_DELAY = 1.0, 10.0
 STABLE = 5.0  # time in s after which a process is considered to work
 SILENCE = 5.0  # time in s without diagnostics after which a process is killed
@@ -22,10 +23,11 @@ START = 30.0  # maximum time in s from the start of a process to its first diagn
 class SupervisedProcess:
     """Process that is kept running. Times are in s on a monotonic clock.
 
-    The process is not restarted if it ends with the status `CANNOT_START` before it has worked. A
-    process that `reports` has worked when its first diagnostics arrive. Any other process has
-    worked after `STABLE` s, and is not killed if it hangs. A process that is not `kept` is started
-    only once, and systemd has to kill it if it hangs.
+    `command` returns the words of the command for the next start. The process is not restarted if
+    it ends with the status `CANNOT_START` before it has worked. If `reports` is True, the process
+    publishes diagnostics, has worked when the first of them arrive, and is killed if they stop. If
+    `reports` is False, the process has worked after `STABLE` s, and is not killed if it hangs. If
+    `kept` is False, the process is started only once, and systemd has to kill it if it hangs.
     """
 
     def __init__(
@@ -56,7 +58,7 @@ class SupervisedProcess:
             self._has_worked, self._awaited = True, now + SILENCE
 
     def look(self, now: float) -> bool:
-        """Start or kill the process if necessary; return false if it will not run any more."""
+        """Start or kill the process if necessary; return false if it will not be started again."""
         if self._child is not None:
             status = self._child.poll()
             if status is not None:

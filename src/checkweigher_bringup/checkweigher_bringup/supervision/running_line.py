@@ -65,10 +65,10 @@ def run_line(
     """Run the line until SIGINT, SIGTERM or SIGHUP, and return the exit status.
 
     The parameters `driver` override the file `params`. With `apart`, each node has its own process.
-    `page` has the options of the page, or is None if the page is not served. With a `folder`, the
-    line keeps the state of the machine in it, and the nodes of `BESIDE` run as well. The gateways
-    of the file `gateways` run beside the line. Raises `UserError` if a line already runs in this
-    lane, and `SettingsError` if the file `gateways` is invalid.
+    `page` contains the options of the page, or is None if the page is not served. With a `folder`,
+    the line keeps the state of the machine in it, and the nodes of `BESIDE` run as well. The
+    gateways of the file `gateways` run beside the line. Raises `UserError` if a line already runs
+    in this lane, and `SettingsError` if the file `gateways` is invalid.
     """
     with asked_to_end() as asked, memory_file() as first, memory_file() as last:
         files = _parameter_files(first, params, last, namespace, driver, folder)
@@ -131,10 +131,10 @@ def run_host(line: LineDescription, host: str) -> int:
 
 
 def _listen(node: PortNode, process_of: Mapping[str, SupervisedProcess | None]) -> Watchdog:
-    """Notify each process of the diagnostics of its nodes.
+    """Subscribe to the diagnostics, and notify the process of each node that has sent some.
 
-    `process_of` maps the full name of each node to its process. Returns the watchdog of those nodes
-    that belong to the line.
+    `process_of` maps the full name of each node to its process, or to None if this program does not
+    run the node. Returns the watchdog of those nodes that belong to the line.
     """
     watchdog = Watchdog(name for name in process_of if name.rpartition('/')[2] in ports.NODES)
 
@@ -213,7 +213,8 @@ def _supervise(
 ) -> int:
     """Keep processes running, and call `meanwhile` repeatedly, until a signal arrives.
 
-    Also return if a process of the line cannot start or, under systemd, has ended.
+    The function also returns if a process of the line cannot start or, under systemd, has ended.
+    Returns the exit status.
     """
     try:
         while not asked:
@@ -239,7 +240,11 @@ def _restart(processes: Mapping[str, SupervisedProcess]) -> None:
 
 
 def _end(processes: Mapping[str, SupervisedProcess]) -> None:
-    """End the driver, then the other nodes of the line, then `reject`, then all other processes."""
+    """End the processes of the line in the order of the signal flow, then all other processes.
+
+    If each node has its own process, the driver ends first, and `reject` ends after all other nodes
+    of the line, so that items on the belt still get their verdicts.
+    """
     line = [process for name, process in processes.items() if name not in _NOT_NEEDED]
     beside = [process for name, process in processes.items() if name in _NOT_NEEDED]
     for group in (line[:1], line[1:-1], line[-1:], beside):

@@ -10,7 +10,7 @@ import socket
 from checkweigher_bringup.supervision.processes import SILENCE, START
 
 _VARIABLE = 'NOTIFY_SOCKET'
-_PERIOD = 1.0  # s between notifications
+_PERIOD = 1.0  # minimum time in s between two notifications
 
 
 def supervises() -> bool:

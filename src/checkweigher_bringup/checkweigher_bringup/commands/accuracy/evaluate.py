@@ -52,7 +52,7 @@ OPTIONS = (
     ),
     ('--mass G', [float], 'machines: masses for tuning in g; default: the five masses of the test'),
     'tuning and weighing',
-    ('--train BAG', [str], 'bags for tuning; the bags BAG are then for the test'),
+    ('--train BAG', [str], 'bags for tuning; the other bags are then used for the test only'),
     PARAMS,
     *TUNING,
     'limits',

@@ -14,7 +14,7 @@ from checkweigher_bringup.commands import NAMESPACE, PARAMS
 from checkweigher_bringup.errors import UserError, warn
 from checkweigher_core.printable import one_line
 
-_PLAN = 'plan of the verification (YAML); an operator makes its steps on a running line'
+_PLAN = 'plan of the verification (YAML), whose steps an operator does on a running line'
 _STEPS = 'bags of recorded steps instead of a running line; each bag has the name of its step'
 OPTIONS = (
     ('plan PLAN', Path, _PLAN, {'nargs': '?'}),
@@ -35,8 +35,8 @@ OPTIONS = (
     (
         '--log,--audit LOG',
         Path,
-        'audit log of the line, which the report names; with --from, it must have an entry on the '
-        'bag',
+        'audit log of the line, whose name is written to the report; with --from, it must contain '
+        'an entry on the bag',
         {'dest': 'audit'},
     ),
     NAMESPACE,

@@ -13,7 +13,7 @@ from checkweigher_bringup.errors import UserError
 
 OPTIONS = (
     (
-        ('--masses G', [float], 'known masses in g, in the order in which they are put on'),
+        ('--masses G', [float], 'known masses in g, in the order of their use'),
         ('--zero', bool, 'read only the empty belt, and keep the sensitivity'),
         ('--dynamic', bool, 'record passes of --reference at each of --speeds, and train on them'),
     ),

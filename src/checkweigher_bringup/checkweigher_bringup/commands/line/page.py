@@ -77,6 +77,6 @@ def _serve_bag(given: argparse.Namespace, site: 'Site', lane: str | None) -> int
     from checkweigher_web.shift import Shift
 
     shift = Shift(recording, parameters, given.bag.resolve().name)
-    del recording  # The shift has the samples in a file, so they need no memory.
+    del recording  # Free the memory, because the shift keeps the samples in a file.
     serve_shift(site, shift, given.report)
     return 0

@@ -20,7 +20,7 @@ OPTIONS = (
         str,
         'source of samples and edges; default: that of the parameter file, or simulator',
     ),
-    ('--bag BAG', Path, 'bag to play, which selects the source bag'),
+    ('--bag BAG', Path, 'bag to play; this option implies --source bag'),
     ('--line FILE', Path, 'description of a line on several hosts (YAML); needs --host'),
     ('--host NAME', str, 'name of this host in the description of the line'),
     (

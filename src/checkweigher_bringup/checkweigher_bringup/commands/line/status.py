@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 _PERIOD = 1.0  # s
 _PATIENCE = 5.0  # maximum time in s to wait for the diagnostics of all stages of a line
 _FIRST_LOOK = 1.5  # further time in s to wait for the diagnostics of the other nodes
-_NARROWEST = 40  # minimum width of the texts, in columns
+_NARROWEST = 40  # minimum width of the messages in a table, in columns
 _COLUMNS = '{:5}  {:{wide}}  {:{aspects}}  '
 
 OPTIONS = (

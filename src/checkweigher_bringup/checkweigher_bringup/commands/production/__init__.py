@@ -9,8 +9,8 @@ from typing import Any
 def write_claim(log: Path, lane: str, kind: str, subject: str, value: Any, who: str) -> None:
     """Write an entry to an audit log, through the line if it has the log open.
 
-    The name `who` is written as a claim. Raises `AuditError` or `UserError` if the entry is
-    not written.
+    The entry states that the name `who` is a claim, because the log cannot check it. Raises
+    `AuditError` or `UserError` if the entry cannot be written.
     """
     import time
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from checkweigher_production.audit_seal import Seal
 
 _WIDEST = 40  # largest number of characters of a value on a terminal
-_PATIENCE = 2.0  # time in s after which a folder with faults is checked again
+_PATIENCE = 2.0  # time in s after which a folder with faults is checked a second time
 
 OPTIONS = (
     ('log LOG', Path, 'audit log, with LOG.head in the same folder', {'nargs': '?'}),
@@ -97,7 +97,8 @@ def _check_folder(arguments: argparse.Namespace) -> int:
     chain = read_chain(folder / LOG_FILE)
     faults = list(faults_in(folder, chain, signers))
     if faults:
-        time.sleep(_PATIENCE)  # a line that runs may be about to write an entry
+        # A running line may have written a file but not yet its entry, so check again.
+        time.sleep(_PATIENCE)
         chain = read_chain(folder / LOG_FILE)
         faults = list(faults_in(folder, chain, signers))
     lines = list(summary(folder, chain))
@@ -138,7 +139,7 @@ def _seal(arguments: argparse.Namespace, found: 'Verification', seals_file: Path
 
 
 def _as_json(found: 'Verification', seals: 'Sequence[Seal]') -> dict[str, Any]:
-    """Return the entries before the first damaged line, its problem, and the seals."""
+    """Return the entries before the first damaged line, the problem of this line, and the seals."""
     return {
         'whole': found.whole,
         'bad_line': found.bad_line or None,

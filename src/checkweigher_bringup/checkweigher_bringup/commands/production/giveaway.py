@@ -23,7 +23,11 @@ OPTIONS = (
     ('--by', ('shift', 'day', 'month'), 'period, of the local time; default day', 'day'),
     ('--shifts TIMES', str, f'times at which shifts begin; default {_SHIFTS}', _SHIFTS),
     ('--price P', float, 'price per kg, instead of those of the recipes', math.nan),
-    ('--log LOG', Path, 'audit log that vouches for the records; default as for batch'),
+    (
+        '--log LOG',
+        Path,
+        'audit log to compare the records with; default: audit.log in the folder of the machine',
+    ),
 )
 
 

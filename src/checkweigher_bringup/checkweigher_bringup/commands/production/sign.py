@@ -24,8 +24,8 @@ OPTIONS = (
         Path,
         'record of a batch that has ended, folder of a verification, or audit log with --entry',
     ),
-    ('--entry N', int, 'number of an entry of the audit log: a change of limits'),
-    ('--meaning', ('review', 'approval', 'release'), 'what the signature means', REQUIRED),
+    ('--entry N', int, 'number of the audit log entry to sign, which must be a change of limits'),
+    ('--meaning', ('review', 'approval', 'release'), 'meaning of the signature', REQUIRED),
     ('--who NAME', str, 'user of the page who signs, and must type the password', REQUIRED),
     USERS,
     ('--log LOG', Path, 'audit log; default: audit.log in the folder of the machine'),
@@ -83,7 +83,10 @@ def _found(arguments: argparse.Namespace) -> tuple[Path, Callable[[], 'Signable'
 
 
 def _login(path: Path, name: str, meaning: str) -> tuple['User', str]:
-    """Return the user who signs, and the password that was typed. Raises `UserError`."""
+    """Return the user who signs, and the password that was typed.
+
+    Raises `UserError` if there is no such user, or if the role of the user does not allow it.
+    """
     from getpass import getpass
     import sys
 

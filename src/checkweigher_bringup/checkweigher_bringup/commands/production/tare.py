@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Control the tare of a product by a sample of empty packages.
+"""Check the tare of a product with a sample of empty packages.
 
 checkweigher tare recipes.yaml --product crisps_150g --masses 3.98 4.02 4.01 --who anna
 """
@@ -13,17 +13,17 @@ from checkweigher_bringup.errors import UserError
 
 OPTIONS = (
     ('recipes RECIPES', Path, 'recipe file'),
-    ('--product NAME', str, 'product of it', REQUIRED),
-    ('--masses G', [float], 'mass of each empty package, g; at least 25', REQUIRED),
-    ('--who NAME', str, 'who weighed them; goes into the audit log', REQUIRED),
+    ('--product NAME', str, 'product in the recipe file', REQUIRED),
+    ('--masses G', [float], 'mass in g of each empty package, at least 25 of them', REQUIRED),
+    ('--who NAME', str, 'name of the person who weighed them, for the audit log', REQUIRED),
     ('--accept', bool, 'write the mean into the recipe as the tare'),
-    ('--log LOG', Path, 'audit log; default audit.log beside the recipe file'),
+    ('--log LOG', Path, 'audit log; default: audit.log in the folder of the recipe file'),
     NAMESPACE,
 )
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print and record the sample, and write its mean into the recipe if it is accepted.
+    """Print the sample, write it to the audit log, and write its mean into the recipe if accepted.
 
     Returns 1 if the mean must not be used as the tare, otherwise 0.
     """

@@ -15,7 +15,7 @@ from checkweigher_bringup.errors import UserError
 if TYPE_CHECKING:
     from checkweigher_core.recording import Event
 
-# Options that are not in SI units: parameter, unit, and number of these units in an SI unit.
+# Options that are not in SI units: parameter, unit of the option, and its number in the SI unit.
 _CONVERTED = {
     'speed': ('speed', 'm/min', 60.0),
     'mass': ('masses', 'g', 1000.0),
@@ -29,7 +29,7 @@ _PROFILES = (
 )
 OPTIONS = (
     ('--speed M_PER_MIN', float, 'belt speed in m/min', REQUIRED),
-    ('--mass G', [float], 'mass of the products in g; several masses take turns', REQUIRED),
+    ('--mass G', [float], 'masses of the products in g, used cyclically', REQUIRED),
     ('--count N', int, 'number of products; default 25', 25),
     ('--profile NAME', str, _PROFILES, 'paper'),
     ('--seed S', int, 'seed of the random numbers; default 1', 1),
@@ -42,8 +42,8 @@ OPTIONS = (
     ('--lead-in S', float, 'duration of the empty belt before the first product in s'),
     ('--run-out S', float, 'duration of the empty belt after the last product in s'),
     'filler before the scale',
-    ('--filler-drift G', float, 'drift in g over 1000 products'),
-    ('--filler-spread G', float, 'standard deviation from product to product in g'),
+    ('--filler-drift G', float, 'drift of the filled mass in g over 1000 products'),
+    ('--filler-spread G', float, 'standard deviation of the filled mass in g'),
     ('--filler-delay N', int, 'number of products between filler and scale'),
     RECIPES,
     ('--product NAME', str, 'product in the recipe file, whose feedback corrects the filler'),

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from checkweigher_validation.archive.weighing import Weighed
 
 _FOLDER = (
-    'write a Parquet file for each bag, and summary.csv, to DIR; files in DIR of the same bag, '
-    'parameters and program are kept'
+    'write a Parquet file for each bag, and summary.csv, to DIR; a bag is not weighed again if DIR '
+    'contains its file from the same parameters and program'
 )
 OPTIONS = (
     bags('bags'),
@@ -111,10 +111,10 @@ def _report(weighed: 'Weighed', progress: str, scheduler: str) -> None:
 def _weigh(
     stretches: 'Iterable[Recording]', parameters: 'LineParameters', with_rows: bool
 ) -> tuple[TextIO, TextIO]:
-    """Weigh the segments of a bag, and return files with the table and, if wanted, rows in CSV.
+    """Weigh the parts of a bag; return a file with the table and one with the rows in CSV.
 
-    The results are written to files first, because an error at the end of the bag voids all
-    results.
+    Without `with_rows`, the second file is empty. The results are written to temporary files,
+    because an error at the end of the bag makes all results invalid.
     """
     from checkweigher_bringup.output import ItemTable, with_warning
     from checkweigher_validation.accuracy.columns import items_as_csv
@@ -128,7 +128,7 @@ def _weigh(
     items = map(shown.show, weigh_stretches(recordings, parameters))
     if with_rows:
         rows.writelines(items_as_csv(items))
-    deque(items, maxlen=0)  # Show the items that are not in rows.
+    deque(items, maxlen=0)  # Show the items, unless `rows.writelines` has already done so.
     shown.close()
     table.seek(0)
     rows.seek(0)
