@@ -8,7 +8,7 @@ from checkweigher_core.printable import one_line
 
 
 class UserError(ValueError):
-    """Raised for a fault that the user can correct. The message is one line."""
+    """Raised if a command fails for a reason that the user can correct. The message is one line."""
 
 
 class LineError(UserError):

@@ -31,7 +31,7 @@ _OF_USE = {Reason.SPEED_NOT_TRAINED, Reason.NO_CONVERGENCE, Reason.NO_PRODUCT}
 _POLL_PERIOD = 0.2  # s
 _FLUSH_PERIOD = 1.0  # time in s between flushes; a kill loses at most the messages of this time
 _FAREWELL = 1.0  # maximum time in s after a signal in which messages in transit are recorded
-_PATIENCE = 5.0  # time in s without a message before a warning
+_PATIENCE = 5.0  # time in s without a message after which a warning is printed
 _TRAIL = 1.0  # time in s for the last product to leave the belt
 
 

@@ -157,7 +157,7 @@ def _results(
 
 
 def _wait_until_taken(nodes: Sequence[Node]) -> None:
-    """Wait until all messages are acknowledged, because a node drops them when it ends."""
+    """Wait until all messages are acknowledged, because a node drops the others when it ends."""
     end = time.monotonic() + _FAREWELL
     for node in nodes:
         for publisher in node.publishers:

@@ -93,7 +93,8 @@ def make_line(context):
     if lanes or host:
         return make_host(context, lanes, host)
     params_file = LaunchConfiguration('params_file').perform(context)
-    # For a missing file, launch would only print a warning and start the line with the defaults.
+    # Check that the file exists, because launch would only print a warning, and would start the
+    # line with the defaults.
     if not Path(params_file).is_file():
         raise RuntimeError(f'params_file: there is no file {params_file}')
     one_process = LaunchConfiguration('one_process')

@@ -3,7 +3,8 @@
 """The commands of the checkweigher, and the options that several of them have.
 
 Each command is a module with a table `OPTIONS` and a function `run`, which returns the exit status.
-Modules that take long to import are imported in `run`, so that ``--help`` does not wait for them.
+Other modules that take long to import are imported in `run`, so that ``--help`` does not wait for
+them.
 """
 
 import argparse
@@ -12,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 Option = tuple[Any, ...]  # usage, kind, help and default of an option, see `_add`
-REQUIRED = {'required': True}  # for an option that must be given, instead of a default
+REQUIRED = {'required': True}  # keyword of an option that has no default and must be given
 
 PARAMS: Option = ('--params FILE', Path, 'ROS parameter file (YAML)')
 NAMESPACE: Option = ('--namespace NAME', str, 'namespace of the lane', '')

@@ -45,7 +45,7 @@ from checkweigher_recording.progress import PROGRESS, read_progress
 from checkweigher_validation.tuning.parameter_file import accuracy_lines
 
 _POLL_PERIOD = 0.1  # s
-_END_PATIENCE = 20.0  # time in s in which a child process must complete its bag
+_END_PATIENCE = 20.0  # maximum time in s for a child process to complete its bag
 _NICENESS = 10  # niceness of the training, which gives the line priority
 _NOTHING_WAITS = f'there are no learned parameters to accept; train by {ports.TUNE_PASSES} first'
 _Tell = Callable[..., None]  # function that publishes the feedback of an action
@@ -226,7 +226,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         return '\n'.join(accuracy_lines(self._candidate().decode('utf-8', errors='replace')))
 
     async def _accept(self, request: Any, response: Any) -> str:
-        """Replace the parameters of the line by the learned ones, after an audit log entry."""
+        """Write an entry to the audit log, and then replace the parameter file by the new file."""
         self._check_idle()
         learned = self._candidate()
         name = self.get_fully_qualified_name()

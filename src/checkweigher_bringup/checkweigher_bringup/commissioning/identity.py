@@ -19,8 +19,8 @@ NodeValues = dict[str, dict[str, object]]  # parameters by node and name
 
 _LONGEST = 80  # maximum number of characters of a value in a sentence
 _PACKAGES = ('core', 'dsp', 'production', 'recording', 'driver', 'validation', 'web', 'bringup')
-# Kinds of audit log entries on changes of the machine. The kind `zero` is left out, because steps
-# of the verification set the zero.
+# Kinds of audit log entries that record a change of the machine. The kind `zero` is left out,
+# because steps of the verification set the zero.
 _CHANGING = ('parameter', 'recipe', 'calibration', 'learned', 'tuned', 'selection')
 
 
@@ -91,7 +91,7 @@ def _changes(before: NodeValues, after: NodeValues) -> Iterator[str]:
 
 
 def _changes_in_log(entries: Iterable[Entry]) -> Iterator[str]:
-    """Yield a sentence for each audit log entry on a change of the machine."""
+    """Yield a sentence for each audit log entry that records a change of the machine."""
     for entry in entries:
         if entry.kind not in _CHANGING:
             continue

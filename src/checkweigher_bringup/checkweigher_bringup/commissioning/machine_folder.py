@@ -26,7 +26,7 @@ products:
 """
 # Parameters by node and name.
 ParameterSets = dict[str, dict[str, object]]
-# Defaults, which the parameter files override: with a folder, a simulated line has no end.
+# Defaults of a line with a folder, which the parameter files override. A simulated line has no end.
 DEFAULTS: ParameterSets = {'driver': {'simulator.count': 0}}
 
 
@@ -99,7 +99,7 @@ class MachineFolder:
         return [*known, trained] if trained.exists() else known
 
     def parameters(self, given: Path | None, *, restarts: bool) -> ParameterSets:
-        """Return the parameters by which the nodes use the files of the folder.
+        """Return the parameters that make the nodes use the files of the folder.
 
         `given` is the parameter file of the user. With `restarts`, users may request a restart of
         the line, and the caller must restart it when `take_restart` returns true.

@@ -22,7 +22,10 @@ _Message = LoadCell | SampleBlock | str
 
 
 class SampleFeed:
-    """Queue of sample blocks from another thread. Error messages contain `name`."""
+    """Queue of sample blocks from another thread.
+
+    `name` is the name of the topic or of the source, which error messages contain.
+    """
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -41,7 +44,7 @@ class SampleFeed:
         return self.load_cell
 
     def forget(self) -> None:
-        """Discard the blocks in the queue, which are older than the load on the belt."""
+        """Discard the blocks in the queue, because they are older than the load on the belt."""
         while not self._messages.empty():
             self._take()
 

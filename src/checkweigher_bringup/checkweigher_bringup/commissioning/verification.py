@@ -78,7 +78,7 @@ def note_result(node: Node, folder: Path, plan: Plan, verdict: str) -> str:
 
 
 def _unlike_log(log: Path | None, bag: str, verdict: str) -> str:
-    """Return a text on the difference of a bag and its verdict from an audit log, or ''."""
+    """Return a text that states how a bag and its verdict differ from an audit log, or ''."""
     if log is None:
         return ''
     chain = read_chain(log)

@@ -186,7 +186,8 @@ class VerificationNode(RecorderNode):
         self.feed.put(block)
 
     def _on_verdict(self, verdict: Verdict) -> None:
-        # A step begins after the latest verdict, which may arrive before the samples of its time.
+        # A verdict may arrive before the samples of its time. It changes `latest`, so that the next
+        # step begins after this verdict.
         self.latest = max(self.latest, verdict.t3 or 0)
         self.verdicts.put(verdict)
 

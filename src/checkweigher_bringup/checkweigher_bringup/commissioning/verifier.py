@@ -84,7 +84,7 @@ class RemoteOperator:
     def asked(self, number: int, step: Step) -> str:
         """Ask for a step, and return the reason why the step is skipped, or ''."""
         known = self._progress
-        # The lines of a failed attempt explain why the step is asked for again.
+        # Keep the lines of a failed attempt, because they explain why the step is asked for again.
         lines = known.lines if known.step == number and not known.results[number] else ()
         answer, reason = self._ask(ProgressState.ASKING, step=number, text=step.to_do, lines=lines)
         if answer is StepAnswer.SKIP:

@@ -153,7 +153,10 @@ def _check_share(host: str, names: Sequence[str], placed: Sequence[str]) -> None
 
 
 def _check_nodes(nodes: Mapping[str, tuple[str, ...]]) -> None:
-    """Raise `SettingsError` unless each node has one host, and those of `AT_MACHINE` the same."""
+    """Raise `SettingsError` unless each node has exactly one host.
+
+    The nodes `AT_MACHINE` must have the same host.
+    """
     placed = [name for names in nodes.values() for name in names]
     for host, names in nodes.items():
         _check_share(host, names, placed)

@@ -96,7 +96,7 @@ class SupervisedProcess:
 
 def say(text: str) -> None:
     """Print a line with the time on stderr."""
-    with suppress(OSError):  # The line continues if the terminal is closed.
+    with suppress(OSError):  # The processes must continue if the terminal is closed.
         print(f'{time.strftime("%H:%M:%S")} {text}', file=sys.stderr, flush=True)
 
 

@@ -34,7 +34,7 @@ from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.ros.services import GATEWAYS
 from checkweigher_gateways.settings import read_gateways
 
-Command = Callable[[], Sequence[str]]  # returns the words of a command for its next start
+Command = Callable[[], Sequence[str]]  # function that returns the words of a command for its start
 
 _POLL_PERIOD = 0.1  # s
 _DISCOVERY_TIME = 1.0  # time in s to discover a driver that already runs
@@ -201,7 +201,7 @@ def _gateway_commands(file: Path | None, namespace: str) -> dict[str, Command]:
 
 
 def _with_files(module: str, namespace: str, files: Callable[[], list[Path]]) -> list[str]:
-    """Return the command of a module with the parameter files at the time of its start."""
+    """Return the command of a module with the parameter files that exist when it is started."""
     return node_command(module, namespace, *files())
 
 

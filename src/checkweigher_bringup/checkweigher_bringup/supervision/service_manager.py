@@ -35,7 +35,7 @@ class Watchdog:
             self._heard[node] = now
 
     def restarted(self, now: float) -> None:
-        """Allow the nodes the time `START` for a restart of the line on request."""
+        """Allow the nodes `START` s until their next diagnostics, because the line is restarted."""
         self._heard = dict.fromkeys(self._heard, now + START - SILENCE)
 
     def feed(self, now: float) -> None:

@@ -18,7 +18,7 @@ OPTIONS = (
 
 
 def run(given: argparse.Namespace) -> int:
-    """Run the gateway until interrupted."""
+    """Run the gateway until a signal interrupts the command."""
     from checkweigher_bringup.settings import check_namespace
     from checkweigher_gateways.gateway import serve
     from checkweigher_gateways.settings import read_gateways

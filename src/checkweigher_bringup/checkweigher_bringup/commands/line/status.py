@@ -39,7 +39,10 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print tables until interrupted. Return 1 if a node has an error or is silent, otherwise 0."""
+    """Print tables until a signal interrupts the command.
+
+    Returns 1 if a node has an error or is silent, otherwise 0.
+    """
     from checkweigher_bringup.settings import check_namespace, check_positive
     from checkweigher_bringup.spinning import spinning
     from checkweigher_core.health.findings import Level
@@ -67,7 +70,8 @@ def _show_tables(board: 'StatusBoard', arguments: argparse.Namespace) -> None:
 
     end = time.monotonic() + (arguments.duration or math.inf)
     patience = min(time.monotonic() + _PATIENCE, end)
-    # The board has the level STALE until each stage of the line has sent diagnostics.
+    # The board has the level STALE until each stage of the line has sent diagnostics, so wait for
+    # them before the first table.
     while time.monotonic() < patience and worst(board.rows(time.monotonic())) == Level.STALE:
         time.sleep(0.05)
     if board.heard:
@@ -92,7 +96,8 @@ def _print(rows: 'list[Row]', arguments: argparse.Namespace, *, heard: bool) -> 
     else:
         lines += table(rows, width, values=arguments.values)
     if sys.stdout.isatty() and arguments.count != 1:
-        # A table that is longer than the terminal would scroll its first and worst rows away.
+        # A table that is longer than the terminal would scroll its first and worst rows away, so
+        # its last lines are left out.
         if (left := len(lines) - (height - 2)) > 0:
             lines[height - 2 :] = [f'{counted(left, "more line")}: --count 1 prints all']
         print('\033[H\033[J' + '\n'.join(lines), flush=True)

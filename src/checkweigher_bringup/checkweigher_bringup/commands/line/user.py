@@ -43,7 +43,8 @@ def run(arguments: argparse.Namespace) -> int:
         for user in accounts.read_users(path).values():
             print(f'{user.name}  {user.role.name.lower()}')
         return 0
-    name = accounts.check_user(path, name, exists=action != 'add')  # before a password is typed
+    # Check the name before the user has to type a password.
+    name = accounts.check_user(path, name, exists=action != 'add')
     if action == 'remove':
         accounts.remove_user(path, name)
     elif action == 'add':

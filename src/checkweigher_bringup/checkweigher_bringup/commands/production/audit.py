@@ -77,7 +77,7 @@ def _lines(found: 'Verification', seals: 'Sequence[Seal]') -> Iterator[str]:
     from checkweigher_production.audit_seal import sealing
     from checkweigher_production.audit_words import conclusion, steps_back
 
-    # Only a terminal needs shortened values.
+    # Values are shortened only on a terminal, so that a file or a pipe gets the whole values.
     yield from _table(found.entries, _WIDEST if sys.stdout.isatty() else None)
     yield from steps_back(found.entries)
     yield conclusion(found)
@@ -116,7 +116,10 @@ def _check_folder(arguments: argparse.Namespace) -> int:
 
 
 def _noted_hash(given: str | None) -> str:
-    """Return the given hash of an entry, or ''. Raises `UserError` if it is not a valid hash."""
+    """Return the hash of the option `--hash` in lower case, or '' if the option was not given.
+
+    Raises `UserError` if the option is not a valid hash.
+    """
     if given is None:
         return ''
     noted = given.strip().lower()

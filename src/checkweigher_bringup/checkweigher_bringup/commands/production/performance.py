@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Make the performance test that the recipe requires.
+"""Carry out the performance test that the recipe requires.
 
 checkweigher performance --who anna
 """

@@ -11,8 +11,8 @@ from pathlib import Path
 
 from checkweigher_bringup.commands import NEW_BAG
 
-# The names of the options are those of `ImportParameters`, which has their defaults. The names are
-# repeated here, so that --help does not import `ImportParameters`.
+# The options have the names of the fields of `ImportParameters`, which defines their defaults. The
+# names are repeated here, so that --help does not import `ImportParameters`.
 OPTIONS = (
     ('log CSV', Path, 'CSV file with one sample per row'),
     NEW_BAG,

@@ -15,7 +15,8 @@ from checkweigher_bringup.errors import UserError
 if TYPE_CHECKING:
     from checkweigher_core.recording import Event
 
-# Options that are not in SI units: parameter, unit of the option, and its number in the SI unit.
+# Options that are not in SI units: the name of the parameter, the unit of the option, and the
+# number of these units in one SI unit.
 _CONVERTED = {
     'speed': ('speed', 'm/min', 60.0),
     'mass': ('masses', 'g', 1000.0),
