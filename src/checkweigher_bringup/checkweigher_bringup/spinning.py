@@ -61,7 +61,7 @@ def node_command(
 
 @contextmanager
 def asked_to_end() -> Iterator[list[int]]:
-    """Yield a list that collects SIGINT, SIGTERM and SIGHUP, which then raise no exception.
+    """Yield a list of the received signals SIGINT, SIGTERM and SIGHUP, which raise no exception.
 
     An exception could interrupt the writing of a message or the start of a process.
     """
@@ -69,7 +69,7 @@ def asked_to_end() -> Iterator[list[int]]:
     before = {
         number: signal.signal(number, lambda number, _: received.append(number))
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-        if signal.getsignal(number) != signal.SIG_IGN  # The command nohup ignores SIGHUP.
+        if signal.getsignal(number) != signal.SIG_IGN  # Under nohup, SIGHUP must stay ignored.
     }
     try:
         yield received

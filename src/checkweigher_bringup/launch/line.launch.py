@@ -34,7 +34,8 @@ from checkweigher_web.access.site import Site
 RESPAWN_DELAY = 1.0  # s
 LOG_LEVEL = ['--log-level', LaunchConfiguration('log_level')]
 
-_files = []  # temporary files, which are removed when launch ends
+# Temporary files, which are removed when launch ends.
+_files = []
 
 # Defaults of the arguments. The default of any other argument is ''.
 DEFAULTS = {

@@ -59,7 +59,8 @@ def with_progress(
         return _printed(items, doing, total, size)
     if not shown or not sys.stderr.isatty():
         return items
-    from tqdm import tqdm  # imported late, because the import is slow
+    # Import the package late, because the import is slow.
+    from tqdm import tqdm
 
     # With `smoothing=0`, the remaining time is estimated from the mean speed since the start. The
     # speed of the latest items alone varies too much for an estimate.

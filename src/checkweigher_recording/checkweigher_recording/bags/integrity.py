@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Integrity checks of the files of a bag: check sums for MCAP, and the check of SQLite itself."""
+"""Integrity checks of the files of a bag: MCAP by its check sums, SQLite by its own check."""
 
 from contextlib import closing
 import os

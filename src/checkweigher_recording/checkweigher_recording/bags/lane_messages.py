@@ -17,7 +17,8 @@ from checkweigher_recording.bags.definitions import BagError, deserialize
 from checkweigher_recording.bags.sample_decoding import decode_samples
 
 _AT_ONCE, _BYTES_AT_ONCE = 4096, 1 << 22  # largest number and size of messages decoded at once
-_LATE = 60 * NANOSECONDS  # largest amount in ns by which a stamp may precede an earlier message's
+# Maximum time in ns by which the stamp of a message may be before that of an earlier message.
+_LATE = 60 * NANOSECONDS
 
 
 class OutOfOrderError(BagError):
@@ -44,8 +45,8 @@ class LaneMessages:
     def take(self, topic: str, port: Port, data: bytes) -> None:
         """Add a message.
 
-        Many messages are decoded together. An exception is therefore raised if this message or an
-        earlier message, which had not been decoded yet, is not valid.
+        Raises an exception if the message is not valid. Messages with samples are decoded many at a
+        time, so for such a message, a later call may raise the exception.
         """
         self.numbers[topic] += 1
         self._since += 1

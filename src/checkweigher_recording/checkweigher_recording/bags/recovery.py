@@ -42,7 +42,7 @@ def recover_bag(source: Path, path: Path) -> int:
 
 
 def _only_lane(source: Path, found: Mapping[str, Lane]) -> str:
-    """Return the prefix of the only lane, or raise `BagError` if there is no or another lane.
+    """Return the prefix of the only lane, or raise `BagError` unless there is exactly one lane.
 
     Topics with absolute names are ignored, because they belong to all lanes.
     """

@@ -82,7 +82,7 @@ class UnfinishedBag:
     def messages(
         self, connections: Collection[Connection]
     ) -> Iterator[tuple[Connection, int, bytes]]:
-        """Yield connection, log time in ns, and data of each message of some connections."""
+        """Yield connection, log time in ns, and data of each message of the given connections."""
         for part in self._parts:
             wanted = {each.id: each for each in connections if each.owner is part}
             for message in part.messages():
@@ -208,7 +208,7 @@ def _is_empty(head: bytes, file: BinaryIO) -> bool:
 
 
 def _records(data: bytes) -> list[McapRecord]:
-    """Return the record with these bytes or, if it is a chunk, the records in it.
+    """Return the record that consists of `data` or, if it is a chunk, the records in the chunk.
 
     Raises an exception if a check sum is wrong or the bytes cannot be parsed.
     """

@@ -151,8 +151,8 @@ class BagWriter(AbstractContextManager['BagWriter', None]):
             self._file = (self._folder / _FILE).open('xb')
             # Enable the check sum of the data section, which the writer omits by default.
             mcap = Writer(self._file, compression=CompressionType.ZSTD, enable_data_crcs=True)
-            # Set the name of the library, because the default contains its version, so that equal
-            # recordings would have other bytes after an update of the library.
+            # Set a fixed name of the library. The default contains the version of the library, so
+            # equal recordings would have other bytes after an update.
             mcap.start(profile='ros2', library='checkweigher')
             self._file.flush()
         except OSError as error:

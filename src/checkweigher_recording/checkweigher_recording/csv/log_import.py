@@ -180,7 +180,7 @@ def _clock(table: Columns, parameters: ImportParameters, content: EdgesFile | No
     backward = np.flatnonzero(step <= 0)
     if len(backward):
         raise CsvError(f'{table.place(int(backward[0]) + 1)}: the time does not increase')
-    # Each step is rounded separately, because small errors of the times would add up to a gap.
+    # Each step is rounded separately. Otherwise, small errors of the times could add up to a gap.
     samples = np.rint(step * rate if rate else step / np.median(step)).astype(np.int64)
     double = np.flatnonzero(samples == 0)
     if len(double):

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 # While a product crosses an end of the belt, the mass that moves with the platform changes in 16
 # steps, so its error is at most 1/32 of the product mass.
 _STAIRS = 16
-_IMPACTS = 1000  # maximum number of impacts that wait for their products
+_IMPACTS = 1000  # maximum number of impacts that were drawn, but have no product yet
 
 STEADY = Variation(speed=0.0, length=0.0, spacing=0.0)
 
@@ -64,14 +64,16 @@ class BeltTravel:
         used cyclically.
         """
         self.passes: list[Pass] = []  # planned passes that have not ended, in order of entry
-        self.last_exit: float | None = None  # t4 of the last product in s; None until it is planned
+        # t4 of the last product in s, or None until the pass of this product is planned.
+        self.last_exit: float | None = None
         # The caller may set the attributes below. A new value takes effect in the next call of
         # `plan`.
         self.speed = line.speed  # m/s
         self.feed = True  # whether products enter the belt
         self.mass = 0.0  # mass of each product in kg, or 0 for the masses of the line
         self.resting = 0.0  # mass in kg that rests on the belt
-        self.gap = 0.0  # free belt between two products in m, or 0 for the spacing of the line
+        # Length of free belt between two products in m, or 0 for the spacing of the line.
+        self.gap = 0.0
         # Masses in kg of products that are put on the infeed by hand. They are the next products to
         # enter, even if `feed` is False. A mass of 0 selects the mass of the other products.
         self.by_hand: list[float] = []

@@ -89,7 +89,8 @@ class Transfer:
 
     strike: float = _sign(0.002, 0.03)  # mean peak force of a strike per kg and belt speed, in s/m
     strike_spread: float = _ratio(0.002, 0.02)  # standard deviation of the peak force, in s/m
-    duration: float = _ratio(0.003, 0.012)  # duration of a strike in s
+    # Duration of a strike in s.
+    duration: float = _ratio(0.003, 0.012)
     # Mean tipping force per kg while half of the product is on the belt.
     tipping: float = _sign(0.01, 0.06)
     tipping_spread: float = _ratio(0.003, 0.03)  # standard deviation of the tipping force per kg
@@ -112,7 +113,7 @@ class Roller:
 
     diameter: float  # diameter in m
     amplitudes: tuple[float, ...]  # amplitudes by order from 1, per belt speed, in kg s/m
-    wander: float  # standard deviation of the phase from uniform rotation in rad
+    wander: float  # standard deviation in rad of the phase from that of a uniform rotation
     growth: float  # relative increase of the amplitude with the load in 1/kg
     place: float  # position from -1 at the infeed to 1 at the outfeed
 
@@ -183,7 +184,7 @@ class NoiseLevels:
 
     # Square root of the one-sided power density per belt speed, in kg s/m / sqrt(Hz).
     broadband: float = _ratio(1e-5, 1e-4)
-    electronic: float = _ratio(3e-6, 4e-5)  # standard deviation of each sample in kg
+    electronic: float = _ratio(3e-6, 4e-5)  # standard deviation of the electronic noise in kg
 
 
 @dataclass(frozen=True, slots=True)

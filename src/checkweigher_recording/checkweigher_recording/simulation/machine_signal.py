@@ -48,7 +48,7 @@ def transfer_force(
 
 
 def bounce_force(bounce: Bounce, entry: Pass, numbers: Array, time: Array) -> Array:
-    """Return the force of the bounce of a product at `time`, (n,) in s; the force is in kg.
+    """Return the force of a bouncing product, (n,) in kg, at `time`, (n,) in s.
 
     The bounce begins at the middle of the entry. `numbers` are standard normal random numbers of
     the pass, (3,).
@@ -91,7 +91,7 @@ def _half_sine(phase: Array) -> Array:
 
 
 class MachineSignal:
-    """Load-cell signal of a randomly drawn machine. Each call continues the signal."""
+    """Load-cell signal of a randomly drawn machine. Each call of `reading` continues the signal."""
 
     def __init__(
         self,
@@ -219,7 +219,7 @@ class MachineSignal:
 
 
 def _low_pass(machine: Machine, step: float) -> tuple[Array, Array]:
-    """Return the second-order sections of the low-pass of the amplifier, and their initial states.
+    """Return the second-order sections of the amplifier's low-pass filter, and their states.
 
     Without an amplifier there are no sections.
     """

@@ -61,17 +61,20 @@ class Profile:
     """Platform and disturbances of a machine. A force in kg is the force in N divided by g."""
 
     natural_frequency: float = 38.0  # natural frequency of the empty platform in Hz
-    speed_jitter: float = 0.001  # relative standard deviation of the belt speed between products
+    # Relative standard deviation of the belt speed between products.
+    speed_jitter: float = 0.001
     # Standard deviation of the peak force at entry, per product mass and belt speed, in s/m.
     impact: float = 0.03
     # Amplitudes of the roller vibration and its harmonics, per belt speed, in kg s/m.
     roller: tuple[float, ...] = (0.42e-3, 0.3e-3, 0.24e-3, 0.18e-3)
     motor: float = 0.5e-3  # amplitude of the motor vibration per belt speed, in kg s/m
-    motor_frequency: float = 31.0  # frequency of the motor vibration per belt speed, in 1/m
+    # Frequency of the motor vibration per belt speed, in 1/m.
+    motor_frequency: float = 31.0
     # Square root of the one-sided power density of the noise, per belt speed, in kg s/m / sqrt(Hz).
     broadband: float = 0.033e-3
     floor: float = 0.05e-3  # standard deviation of the floor vibration in kg
-    electronic: float = 0.05e-3  # standard deviation of the white noise of the converter in kg
+    # Standard deviation of the white noise of the converter in kg.
+    electronic: float = 0.05e-3
 
 
 # `paper` resembles the machine of Long et al.: with a good estimator, the standard deviation of the
@@ -368,7 +371,7 @@ class _Machine:
 
 
 class _ProfileSignal:
-    """Load-cell signal of a machine with a `Profile`. Each call continues the signal."""
+    """Load-cell signal of a machine with a `Profile`. Each call of `reading` continues it."""
 
     def __init__(
         self,
