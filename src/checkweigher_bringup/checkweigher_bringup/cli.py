@@ -172,7 +172,7 @@ def _run(arguments: Sequence[str]) -> int:
             parsed = build_parser().parse_args(arguments)
             command = f' {parsed.command}'
             status = int(parsed.run(parsed))
-        except SystemExit as error:  # argparse has already printed the reason.
+        except SystemExit as error:  # argparse has already printed its message.
             status = _status_of(error)
         sys.stdout.flush()
         return status

@@ -41,7 +41,7 @@ class ResultListener(PortNode):
         self.pairs = 0
         # Estimates without a verdict, and verdicts without an estimate, by the estimate number.
         self._estimates: dict[int, MassEstimate] = {}
-        self._verdicts: dict[int, tuple[float, Verdict]] = {}  # arrival time in s, verdict
+        self._verdicts: dict[int, tuple[float, Verdict]] = {}  # with their arrival times in s
         self.listen(ports.MASS_ESTIMATE, self._on_estimate)
         self.listen(ports.VERDICT, self._on_verdict)
 
@@ -77,7 +77,7 @@ class ResultListener(PortNode):
 
 
 def _estimate_of(verdict: Verdict) -> MassEstimate:
-    """Return an estimate with the values that a verdict copies from it."""
+    """Return an estimate that contains only the values which a verdict repeats."""
     return MassEstimate(
         verdict.item_id,
         verdict.t1,
@@ -105,8 +105,8 @@ class EchoNode(ResultListener):
         self.listen(ports.REFERENCE_MASS, self._references.append)
 
     def _pair_overdue(self) -> None:
-        # An estimate never arrives if it was published before this node discovered the identifier,
-        # so its verdict is paired with the values that it copies from the estimate.
+        # An estimate never arrives if it was published before this node discovered the identifier.
+        # Its verdict is therefore paired with the values of the estimate that the verdict repeats.
         for key, (arrival, verdict) in list(self._verdicts.items()):
             if time.monotonic() - arrival > _ESTIMATE_PATIENCE:
                 del self._verdicts[key]

@@ -32,7 +32,7 @@ _POLL_PERIOD = 0.2  # s
 _FLUSH_PERIOD = 1.0  # time in s between flushes; a kill loses at most the messages of this time
 _FAREWELL = 1.0  # maximum time in s after a signal in which messages in transit are recorded
 _PATIENCE = 5.0  # time in s without a message after which a warning is printed
-_TRAIL = 1.0  # time in s for the last product to leave the belt
+_TRAIL = 1.0  # time in s after the last verdict in which the product leaves the belt
 
 
 class ReferencePasses:
@@ -54,7 +54,7 @@ class ReferencePasses:
     def done(self) -> bool:
         """True if the wanted number of passes was counted, and the last product has left the belt.
 
-        The product is assumed to leave within `_TRAIL` s.
+        The product is assumed to leave the belt within `_TRAIL` s after its verdict.
         """
         return self.count >= self._wanted and time.monotonic() > self._last + _TRAIL
 

@@ -29,10 +29,10 @@ from checkweigher_core.ros import ports
 from checkweigher_driver.driver_node import DriverNode
 from checkweigher_dsp.pipeline.line import LineParameters, Weighing
 
-_PATIENCE = 30.0  # maximum time in s without a message
+_PATIENCE = 30.0  # time in s without a message after which a replay at the rate 0 fails
 _CHECK_PERIOD = 0.2  # s
-_FAREWELL = 1.0  # time in s for recorders to receive the last messages
-_DISCOVERY_TIME = 1.0  # time in s to discover a driver that already runs
+_FAREWELL = 1.0  # maximum time in s to wait until recorders have received the last messages
+_DISCOVERY_TIME = 1.0  # time in s to wait for the discovery of a driver that already runs
 
 
 class Collector(ResultListener):
@@ -157,7 +157,10 @@ def _results(
 
 
 def _wait_until_taken(nodes: Sequence[Node]) -> None:
-    """Wait until all messages are acknowledged, because a node drops the others when it ends."""
+    """Wait until all messages are acknowledged.
+
+    A node that ends drops its messages that are not acknowledged.
+    """
     end = time.monotonic() + _FAREWELL
     for node in nodes:
         for publisher in node.publishers:

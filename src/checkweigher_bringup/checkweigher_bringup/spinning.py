@@ -124,7 +124,7 @@ def start_process(words: Sequence[str]) -> Process:
 
 @contextmanager
 def running_processes(commands: Mapping[str, Sequence[str]]) -> Iterator[dict[str, Process]]:
-    """Run commands during a block. At the end, the processes get SIGTERM in the same order."""
+    """Run commands during a block. At its end, the processes get SIGTERM in the same order."""
     started: dict[str, Process] = {}
     try:
         for name, words in commands.items():
@@ -138,7 +138,10 @@ def running_processes(commands: Mapping[str, Sequence[str]]) -> Iterator[dict[st
 
 
 def end_process(process: Process) -> bool:
-    """Wait until a process ends, and kill it after 5 s. Return false if it was killed."""
+    """Wait until a process ends, and kill the process after 5 s.
+
+    Returns False if the process was killed, otherwise True.
+    """
     try:
         process.wait(timeout=_PROCESS_PATIENCE)
     except subprocess.TimeoutExpired:

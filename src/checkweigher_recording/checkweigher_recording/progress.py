@@ -30,7 +30,7 @@ class Progress(NamedTuple):
 
 
 def read_progress(line: str) -> Progress | None:
-    """Return the progress in a line that `with_progress` has printed, or None for other lines."""
+    """Return the progress that a line of `with_progress` states, or None for any other line."""
     if (found := _READ.fullmatch(line)) is None:
         return None
     return Progress(found[3], float(found[1]), float(found[2]))
@@ -44,7 +44,7 @@ def with_progress(
     size: Callable[[T], float] | None = None,
     shown: bool = True,
 ) -> Iterable[T]:
-    """Return an iterable over the same items that shows a progress bar.
+    """Return an iterable that yields the same items and shows a progress bar.
 
     The bar appears only on a terminal, and only after one second. If the environment variable
     CHECKWEIGHER_PROGRESS is set and `total` is known, lines of text are printed instead, which

@@ -19,7 +19,7 @@ from checkweigher_driver.calibration.file import check_not_installed, replace_ve
 from checkweigher_dsp.pipeline.line import LineParameters
 
 _MINUTE = 60.0  # s
-_TOLERANCE = 0.05  # relative tolerance of the belt speed
+_TOLERANCE = 0.05  # maximum relative difference between the requested and the actual belt speed
 
 
 def set_dynamically(arguments: argparse.Namespace) -> None:
@@ -61,7 +61,7 @@ def _check(arguments: argparse.Namespace) -> None:
 def _record_at(
     speed: float, folder: Path, base: LineParameters, arguments: argparse.Namespace
 ) -> Path:
-    """Record passes until the belt has run at `speed` in m/min; return the bag."""
+    """Record passes, and repeat this until the belt ran at `speed` in m/min; return the bag."""
     while True:
         ask(f'Set the belt to {speed:g} m/min and run the line')
         names = (folder / f'{speed:g}_{number}' for number in count(1))

@@ -4,7 +4,7 @@
 
 Training writes a new file beside the parameter file of the line. The service `accept_tuned`
 replaces the parameter file by the new file. The commands `record` and `tune` run in their own
-processes, because training takes minutes on all cores, and the line must not wait for it.
+processes, because training takes minutes on all cores, and the line must not wait for the training.
 """
 
 from collections.abc import Callable
@@ -82,7 +82,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
     """Node that records passes and trains estimators in child processes."""
 
     _child: subprocess.Popen[bytes] | None = None
-    _ended: Future  # result of the child process: success and text
+    _ended: Future  # result of the child process: whether it has succeeded, and a text
 
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
         self._scratch = ExitStack()

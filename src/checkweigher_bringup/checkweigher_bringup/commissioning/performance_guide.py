@@ -15,7 +15,7 @@ from checkweigher_core.records import GRAMS, PerformanceState, PerformanceTest
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.port_node import PortNode
 
-_PATIENCE = 5.0  # maximum time in s to find the line, and to wait for an answer
+_PATIENCE = 5.0  # maximum time in s to wait for the first message, and for each answer
 
 
 def make_test(lane: str, who: str, reason: str, timeout: float) -> bool:

@@ -16,7 +16,7 @@ from checkweigher_core.ros import ports
 from checkweigher_core.ros.port_node import PortNode
 from checkweigher_driver.sources import Source
 
-_PATIENCE = 5.0  # maximum time in s without a sample
+_PATIENCE = 5.0  # time in s without a message after which an error is raised
 
 _Message = LoadCell | SampleBlock | str
 
@@ -72,7 +72,7 @@ class SampleFeed:
 
 @contextmanager
 def line_feed(namespace: str) -> Iterator[SampleFeed]:
-    """Yield the feed of a running line."""
+    """Yield a feed with the samples of a running line."""
     with spinning(namespace) as spinner:
         node = PortNode('calibrate')
         feed = SampleFeed(node.resolve_topic_name(ports.LOAD_CELL_SAMPLES.name))
@@ -84,7 +84,7 @@ def line_feed(namespace: str) -> Iterator[SampleFeed]:
 
 @contextmanager
 def source_feed(name: str, source: Source) -> Iterator[SampleFeed]:
-    """Yield the feed of a source, and close the source at the end of the context."""
+    """Yield a feed with the samples of a source, and close the source at the end of the block."""
     feed = SampleFeed(f'source {name}')
     feed.put(source.load_cell)
     ending = threading.Event()

@@ -17,7 +17,7 @@ from checkweigher_bringup.spinning import spinning
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.services import VERIFIER, VERIFY
 
-_PATIENCE = 5.0  # longest wait in s for the service that writes to the audit log
+_PATIENCE = 5.0  # maximum time in s to wait for the service that writes to the audit log
 
 
 def call(node: Any, kind: Any, name: str, patience: float, request: Any = None) -> str:

@@ -57,7 +57,7 @@ def calibrate_at_rest(arguments: argparse.Namespace) -> None:
 
 
 def _feed(arguments: argparse.Namespace) -> AbstractContextManager[SampleFeed]:
-    """Return the feed of a running line or, with the option `--open`, of the source itself."""
+    """Return a feed with the samples of a running line or, with `--open`, of the source itself."""
     check_calibrated_source(arguments.source)
     if not arguments.open:
         return line_feed(check_namespace(arguments.namespace))

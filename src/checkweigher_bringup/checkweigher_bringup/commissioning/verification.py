@@ -95,7 +95,8 @@ def report_on(make: Callable[[Identity, Path], None], folder: Path, audit: Path 
     """Run a procedure, write its report into a new folder, and return the verdict.
 
     The function `make` runs the procedure. The arguments of `make` are the identity of the machine
-    and the path of the bag to write. `audit` is the audit log of the line.
+    and the path of the bag to write. `audit` is the audit log of the line. If `make` writes no bag,
+    the folder is removed.
     """
     bag, identity = folder / 'bag', Identity(folder / 'parameters.yaml', audit)
     make_output_folder(folder)

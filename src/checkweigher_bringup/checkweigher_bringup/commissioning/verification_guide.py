@@ -57,7 +57,7 @@ from checkweigher_validation.verification.steps import Step, StepKind, steps_of
 # Maximum times in s to wait for an answer: long, because zeroing needs an empty belt, and short
 # after the last step, because the line may be about to end.
 _ANSWER_PATIENCE, _LAST_PATIENCE = 20.0, 2.0
-_SILENCE = 10.0  # time in s without a product after which the operator gets a message
+_SILENCE = 10.0  # time in s without a product after which a message is shown to the operator
 _POLL_PERIOD = 0.1  # s
 _TRAIL = 0.5  # duration in s of the samples that are recorded after the last step
 _UNFINISHED = 'the verification was complete; the bag contains the steps so far'
@@ -70,7 +70,10 @@ class BrokenOffError(Exception):
 
 
 class Operator(Protocol):
-    """Person who does the steps. Each method may raise `BrokenOffError` to end the procedure."""
+    """Interface to the person who does the steps.
+
+    Each method may raise `BrokenOffError` to end the procedure.
+    """
 
     def begin(self, steps: Sequence[Step]) -> None:
         """Set the steps of the procedure."""
@@ -89,7 +92,7 @@ class Operator(Protocol):
 
 
 class Terminal:
-    """Operator at the terminal. If the input ends, `UserError` is raised."""
+    """Interface to an operator at the terminal. Raises `UserError` if the standard input ends."""
 
     def __init__(self) -> None:
         self._steps: Sequence[Step] = ()
@@ -338,7 +341,11 @@ def _line(result: Result) -> str:
 
 
 def _parameters(node: VerificationNode, patience: float) -> NodeValues:
-    """Return the parameters of the nodes. Wait for each answer for at most `patience` s."""
+    """Return the parameters of the nodes of the line, by node and name.
+
+    Waits for each answer for at most `patience` s. Nodes that do not run are left out. Raises
+    `UserError` if a stage of the line does not answer.
+    """
     found: NodeValues = {}
     for name in ports.NODES:
         client = AsyncParameterClient(node, name)

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node that guides an operator at the page through a verification.
 
-The procedure is the same as at the terminal. It runs in a separate thread, which waits for the
-answers of the operator.
+The procedure is the same as at the terminal. It runs in a thread of its own, because it waits for
+the answers of the operator.
 """
 
 from collections.abc import Callable, Sequence
@@ -44,7 +44,7 @@ _ANSWERS = {
 }
 _POLL_PERIOD = 0.1  # s
 _END_PATIENCE = 20.0  # maximum time in s to complete the bag and the report when the node ends
-_LINES = 100  # maximum number of lines of a step that are published
+_LINES = 100  # maximum number of lines on the current step that are published
 _LONGEST = 200  # maximum number of characters of a reason
 
 
@@ -150,7 +150,11 @@ class RemoteOperator:
         return self._progress.state is ProgressState.IDLE
 
     def answer(self, question: int, answer: StepAnswer, reason: str) -> None:
-        """Accept the answer to a question, or raise `UserError` if it does not fit."""
+        """Accept the answer to a question.
+
+        Raises `UserError` if the question is no longer open, if the answer is not allowed, or if
+        the reason for skipping a step is missing.
+        """
         with self._lock:
             now = self._progress
             if question != now.question or now.state not in _ANSWERS:
@@ -191,12 +195,12 @@ class VerifierNode(StageNode[VerifierParameters]):
             self.create_service(kind, name, callback)
 
     def start(self) -> None:
-        """Publish the folder of the plans and verifications."""
+        """Publish the folder of plans and verifications, and that no verification is running."""
         super().start()
         self._publish(VerificationProgress(0, ProgressState.IDLE, folder=str(self._folder)))
 
     def _publish(self, progress: VerificationProgress) -> Any:
-        """Publish the progress, also for late subscribers, and return its message."""
+        """Publish the progress, which late subscribers also receive, and return the message."""
         progress = replace(progress, stamp=self.get_clock().now().nanoseconds)
         message = to_message(ports.VERIFICATION_PROGRESS, progress)
         self._publisher.publish(message)

@@ -23,11 +23,12 @@ START = 30.0  # maximum time in s from the start of a process to its first diagn
 class SupervisedProcess:
     """Process that is kept running. Times are in s on a monotonic clock.
 
-    `command` returns the words of the command for the next start. The process is not restarted if
-    it ends with the status `CANNOT_START` before it has worked. If `reports` is True, the process
-    publishes diagnostics, has worked when the first of them arrive, and is killed if they stop. If
-    `reports` is False, the process has worked after `STABLE` s, and is not killed if it hangs. If
-    `kept` is False, the process is started only once, and systemd has to kill it if it hangs.
+    `command` is called at each start, and returns the words of the command. The process is not
+    restarted if it ends with the status `CANNOT_START` before it has worked. If `reports` is True,
+    the process publishes diagnostics, has worked when the first of them arrive, and is killed if
+    they stop. If `reports` is False, the process has worked after `STABLE` s, and is not killed if
+    it hangs. If `kept` is False, the process is started only once, and systemd has to kill it if it
+    hangs.
     """
 
     def __init__(
@@ -45,7 +46,7 @@ class SupervisedProcess:
         self.renew()
 
     def renew(self) -> None:
-        """Reset the state, so that the next call of `look` starts the process again."""
+        """Reset the state of this object, so that the next call of `look` starts the process."""
         self._child: Process | None = None
         self._reason = ''  # reason of the latest end
         self._delay = DELAY
@@ -96,7 +97,8 @@ class SupervisedProcess:
 
 def say(text: str) -> None:
     """Print a line with the time on stderr."""
-    with suppress(OSError):  # The processes must continue if the terminal is closed.
+    # Ignore the error of a closed terminal, because the processes must continue to run.
+    with suppress(OSError):
         print(f'{time.strftime("%H:%M:%S")} {text}', file=sys.stderr, flush=True)
 
 

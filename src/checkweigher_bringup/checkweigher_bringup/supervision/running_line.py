@@ -37,7 +37,7 @@ from checkweigher_gateways.settings import read_gateways
 Command = Callable[[], Sequence[str]]  # function that returns the words of a command for its start
 
 _POLL_PERIOD = 0.1  # s
-_DISCOVERY_TIME = 1.0  # time in s to discover a driver that already runs
+_DISCOVERY_TIME = 1.0  # time in s to wait for the discovery of a driver that already runs
 _MODULE = 'checkweigher_bringup.line'
 # Nodes that run beside the line. The line does not need these nodes.
 BESIDE = {
@@ -66,9 +66,9 @@ def run_line(
 
     The parameters `driver` override the file `params`. With `apart`, each node has its own process.
     `page` contains the options of the page, or is None if the page is not served. With a `folder`,
-    the line keeps the state of the machine in it, and the nodes of `BESIDE` run as well. The
-    gateways of the file `gateways` run beside the line. Raises `UserError` if a line already runs
-    in this lane, and `SettingsError` if the file `gateways` is invalid.
+    the line keeps the state of the machine in this folder, and the nodes of `BESIDE` run as well.
+    The gateways of the file `gateways` run beside the line. Raises `UserError` if a line already
+    runs in this lane, and `SettingsError` if the file `gateways` is invalid.
     """
     with asked_to_end() as asked, memory_file() as first, memory_file() as last:
         files = _parameter_files(first, params, last, namespace, driver, folder)

@@ -52,7 +52,7 @@ def _check_mcap(file: BinaryIO, name: Path) -> None:
     """
     size = file.seek(0, os.SEEK_END)
     if size == 0:
-        raise BagError(f'{name}: empty; the recording has not begun')
+        raise BagError(f'{name}: the file is empty; the recording has not begun')
     file.seek(0)
     if file.read(MAGIC_SIZE) != MAGIC:
         raise BagError(f'{name}: not an MCAP file: its first bytes are wrong')

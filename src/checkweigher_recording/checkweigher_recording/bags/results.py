@@ -24,7 +24,7 @@ def read_records(path: Path, *wanted: Port) -> dict[str, list[Any]]:
     with open_bag(path) as bag:
         pairs = list(chain(*lanes_of(bag.connections, wanted).values()))
         if len({port.name for _, port in pairs}) < len(pairs):
-            raise BagError(f'{path}: holds several lanes; record one')
+            raise BagError(f'{path}: holds several lanes; record only one lane')
         ports = {
             connection.id: (port, definitions_of(path, connection, port))
             for connection, port in pairs

@@ -11,7 +11,7 @@ from typing import Any
 from checkweigher_core.records import GRAMS, Eye
 from checkweigher_recording.csv.table import CsvError, read_text
 
-_LARGEST_NUMBER = 1e15  # largest magnitude of a number in the file
+_LARGEST_NUMBER = 1e15  # magnitude that the numbers in the file must not reach
 
 
 @dataclass(frozen=True, slots=True)

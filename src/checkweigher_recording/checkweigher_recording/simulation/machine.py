@@ -166,12 +166,12 @@ class EyeErrors:
 
     infeed: float = _even(-0.003, 0.003)  # position error in m
     outfeed: float = _even(-0.003, 0.003)  # position error in m
-    jitter: float = _ratio(2e-5, 3e-4)  # standard deviation of the time of an edge in s
+    jitter: float = _ratio(2e-5, 3e-4)  # standard deviation in s of the time of an edge
 
 
 @dataclass(frozen=True, slots=True)
 class Variation:
-    """Standard deviations from product to product."""
+    """Standard deviations of speed, length and spacing from product to product."""
 
     speed: float = _ratio(1e-3, 5e-3)  # relative standard deviation of the belt speed
     length: float = _ratio(2e-3, 8e-3)  # relative standard deviation of the product length
@@ -195,7 +195,7 @@ class Setup:
     counts_per_kg: float  # static sensitivity in 1/kg
     product_length: float  # length of a product in m
     weigh_length: float  # distance between the photo-eyes in m
-    spacing: float  # distance between leading edges in m
+    spacing: float  # distance between the leading edges of successive products in m
 
 
 @dataclass(frozen=True, slots=True)

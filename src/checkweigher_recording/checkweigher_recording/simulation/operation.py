@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Manipulations of a simulated machine by an operator: its products, belt and photo-eyes."""
+"""Changes that an operator makes to a simulated machine: its products, belt and photo-eyes."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,8 +12,8 @@ from checkweigher_recording.simulation.belt_travel import Pass
 
 CAPACITY = 7.2  # capacity of the load cell in kg
 _HEAVIEST = 2 * CAPACITY
-_FLICKERS = 6  # additional switches of a dirty eye at each edge
-_FLICKER = 0.002  # time between two switches of a dirty eye in s
+_FLICKERS = 6  # number of additional switches of a dirty eye at each edge
+_FLICKER = 0.002  # time in s between two switches of a dirty eye
 
 
 def _place(eye: str) -> Any:

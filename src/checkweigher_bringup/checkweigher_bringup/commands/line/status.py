@@ -150,6 +150,6 @@ def _wrapped(message: str, room: int) -> list[str]:
 
 
 def _beside(start: str, lines: list[str]) -> Iterator[str]:
-    """Yield lines of text, the first one after `start`, and the others with the same indent."""
+    """Yield lines of text. The first line follows `start`, and spaces precede the other lines."""
     yield (start + lines[0]).rstrip()
     yield from (' ' * len(start) + line for line in lines[1:])
