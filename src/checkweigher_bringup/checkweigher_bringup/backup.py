@@ -40,7 +40,7 @@ class _Hashed:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of the bytes read so far, hexadecimal."""
+        """Hexadecimal SHA-256 of the bytes that were read so far."""
         return self._sha256.hexdigest()
 
 

@@ -29,7 +29,7 @@ def signers_of(users: Path) -> dict[str, Signer]:
 
 
 def record_files(source: Path) -> list[Path]:
-    """Return the paths of the records in a folder, or the path itself if it is a record."""
+    """Return the paths of the records in the folder `source`, or `source` if it is a record."""
     return sorted(source.glob(f'*{SUFFIX}')) if source.is_dir() else [source]
 
 

@@ -96,8 +96,8 @@ class RecorderNode(PortNode):
         self.messages: queue.Queue[tuple[Port, int, bytes]] = queue.Queue()
         self.passes = passes
         self._flushed = time.monotonic()
-        # With the QoS of the stages, the node does not receive verdicts of earlier items, whose
-        # signals are not in the bag.
+        # Use the QoS of the stages, so that the node does not receive the verdicts of earlier
+        # items. The signals of these items are not in the bag.
         for port in recorded:
             if passes is None or port is not ports.REFERENCE_MASS:
                 put = partial(self._put, port)

@@ -21,7 +21,7 @@ from checkweigher_core.ros.spinner import Spinner
 
 Process = subprocess.Popen[bytes]
 
-_PROCESS_PATIENCE = 5.0  # time in s after which a process that does not end is killed
+_PROCESS_PATIENCE = 5.0  # maximum time in s to wait until a process ends, before it is killed
 
 
 @contextmanager

@@ -71,7 +71,7 @@ class MachineFolder:
             check_not_installed(path)
             for name in ('kept', PLANS):
                 (path / name).mkdir(parents=True, exist_ok=True)
-            cls(path).take_restart()  # discard the request of an earlier run
+            cls(path).take_restart()  # discard a request for a restart that an earlier run has left
             if not (path / 'recipes.yaml').exists():
                 write_whole(path / 'recipes.yaml', _RECIPES)
         except (CalibrationError, OutputError) as error:
