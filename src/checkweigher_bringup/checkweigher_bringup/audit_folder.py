@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Check of all records in the folder of a machine against its audit logs."""
+"""Check of all records in the folder of a machine against the audit logs of the machine."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import suppress

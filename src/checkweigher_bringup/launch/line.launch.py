@@ -216,7 +216,7 @@ def make_gateways(context, kept):
 
 
 def kept_running(context):
-    """Return the options by which launch restarts a process, unless `respawn` is false.
+    """Return the options of a process, with which launch restarts it unless `respawn` is false.
 
     On SIGTERM, launch ends without ending its processes, which would then prevent a new start. The
     added environment variable makes each process end with its parent.

@@ -16,7 +16,8 @@ from checkweigher_core.ros.ports import LOAD_CELL_INFO, LOAD_CELL_SAMPLES, Port
 from checkweigher_recording.bags.definitions import BagError, deserialize
 from checkweigher_recording.bags.sample_decoding import decode_samples
 
-_AT_ONCE, _BYTES_AT_ONCE = 4096, 1 << 22  # largest number and size of messages decoded at once
+# Maximum number and maximum total size in bytes of the messages that are decoded at a time.
+_AT_ONCE, _BYTES_AT_ONCE = 4096, 1 << 22
 # Maximum time in ns by which the stamp of a message may be before that of an earlier message.
 _LATE = 60 * NANOSECONDS
 

@@ -59,7 +59,10 @@ def _switches(where: str, entries: Any, rows: int) -> list[tuple[float, bool]]:
         _check_entry(where, entry, rows)
     for before, entry in pairwise(entries):
         if entry[0] <= before[0] or entry[1] == before[1]:
-            raise CsvError(f'{where}: {entry!r} does not follow {before!r}')
+            raise CsvError(
+                f'{where}: {entry!r} does not follow {before!r}: the row must increase, and the '
+                'level must change'
+            )
     return [(row, bool(level)) for row, level in entries[1:]]
 
 

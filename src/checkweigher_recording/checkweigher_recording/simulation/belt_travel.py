@@ -63,15 +63,21 @@ class BeltTravel:
         `next_mass` returns the mass of the next product in kg; by default, the masses of `line` are
         used cyclically.
         """
-        self.passes: list[Pass] = []  # planned passes that have not ended, in order of entry
+        # Planned passes that have not ended, in order of entry.
+        self.passes: list[Pass] = []
         # t4 of the last product in s, or None until the pass of this product is planned.
         self.last_exit: float | None = None
         # The caller may set the attributes below. A new value takes effect in the next call of
         # `plan`.
-        self.speed = line.speed  # m/s
-        self.feed = True  # whether products enter the belt
-        self.mass = 0.0  # mass of each product in kg, or 0 for the masses of the line
-        self.resting = 0.0  # mass in kg that rests on the belt
+        #
+        # Speed of the belt in m/s.
+        self.speed = line.speed
+        # Whether products enter the belt.
+        self.feed = True
+        # Mass of each product in kg, or 0 for the masses of the line.
+        self.mass = 0.0
+        # Mass in kg that rests on the belt.
+        self.resting = 0.0
         # Length of free belt between two products in m, or 0 for the spacing of the line.
         self.gap = 0.0
         # Masses in kg of products that are put on the infeed by hand. They are the next products to

@@ -87,14 +87,18 @@ class Transfer:
     pass to pass.
     """
 
-    strike: float = _sign(0.002, 0.03)  # mean peak force of a strike per kg and belt speed, in s/m
-    strike_spread: float = _ratio(0.002, 0.02)  # standard deviation of the peak force, in s/m
+    # Mean peak force of a strike per kg and belt speed, in s/m.
+    strike: float = _sign(0.002, 0.03)
+    # Standard deviation of the peak force of a strike per kg and belt speed, in s/m.
+    strike_spread: float = _ratio(0.002, 0.02)
     # Duration of a strike in s.
     duration: float = _ratio(0.003, 0.012)
     # Mean tipping force per kg while half of the product is on the belt.
     tipping: float = _sign(0.01, 0.06)
-    tipping_spread: float = _ratio(0.003, 0.03)  # standard deviation of the tipping force per kg
-    power: float = _even(0.8, 1.4)  # exponent of the mass
+    # Standard deviation of the tipping force per kg.
+    tipping_spread: float = _ratio(0.003, 0.03)
+    # Exponent of the mass.
+    power: float = _even(0.8, 1.4)
 
 
 @dataclass(frozen=True, slots=True)

@@ -91,7 +91,10 @@ def _half_sine(phase: Array) -> Array:
 
 
 class MachineSignal:
-    """Load-cell signal of a randomly drawn machine. Each call of `reading` continues the signal."""
+    """Load-cell signal of a randomly drawn machine.
+
+    Each call of `reading` continues the signal of the previous call.
+    """
 
     def __init__(
         self,

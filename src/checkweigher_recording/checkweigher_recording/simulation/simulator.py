@@ -60,19 +60,22 @@ _CHUNK_DURATION = 1.0  # approximate duration in s of the signal that is compute
 class Profile:
     """Platform and disturbances of a machine. A force in kg is the force in N divided by g."""
 
-    natural_frequency: float = 38.0  # natural frequency of the empty platform in Hz
+    # Natural frequency of the empty platform in Hz.
+    natural_frequency: float = 38.0
     # Relative standard deviation of the belt speed between products.
     speed_jitter: float = 0.001
     # Standard deviation of the peak force at entry, per product mass and belt speed, in s/m.
     impact: float = 0.03
     # Amplitudes of the roller vibration and its harmonics, per belt speed, in kg s/m.
     roller: tuple[float, ...] = (0.42e-3, 0.3e-3, 0.24e-3, 0.18e-3)
-    motor: float = 0.5e-3  # amplitude of the motor vibration per belt speed, in kg s/m
+    # Amplitude of the motor vibration per belt speed, in kg s/m.
+    motor: float = 0.5e-3
     # Frequency of the motor vibration per belt speed, in 1/m.
     motor_frequency: float = 31.0
     # Square root of the one-sided power density of the noise, per belt speed, in kg s/m / sqrt(Hz).
     broadband: float = 0.033e-3
-    floor: float = 0.05e-3  # standard deviation of the floor vibration in kg
+    # Standard deviation of the floor vibration in kg.
+    floor: float = 0.05e-3
     # Standard deviation of the white noise of the converter in kg.
     electronic: float = 0.05e-3
 
@@ -371,7 +374,10 @@ class _Machine:
 
 
 class _ProfileSignal:
-    """Load-cell signal of a machine with a `Profile`. Each call of `reading` continues it."""
+    """Load-cell signal of a machine with a `Profile`.
+
+    Each call of `reading` continues the signal of the previous call.
+    """
 
     def __init__(
         self,
