@@ -64,7 +64,7 @@ def is_plausible(window: WeighWindow) -> bool:
     first = min(window.empty_begin, entry)
     counts = window.counts[first:end].astype(np.int64)
     counts -= counts[0]
-    step = int(np.gcd.reduce(counts)) or 1  # This is above 1 if the lowest bits are always 0.
+    step = int(np.gcd.reduce(counts)) or 1  # The step is above 1 if the lowest bits are always 0.
     counts //= step
     rapid = np.convolve(counts, _FILTER)[_EDGE:-_EDGE] / _GAIN
     empty, loaded = rapid[: max(entry - first - _EDGE, 0)], rapid[entry - first :]

@@ -12,8 +12,10 @@ from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.state_files import make_folder, state_file, sync_folder
 
 _LINE = 100  # length of the first line, which identifies the run, in bytes
-_NUMBER = 21  # length of each other line, which contains a number, in bytes
-_KEPT = 'kept over runs'  # text instead of a run identity in a file with a path, valid in all runs
+_NUMBER = 21  # length of each other line, which contains a number, in bytes.
+# First line of a file with a path. It replaces the identity of the run, because such a file is
+# valid in all runs.
+_KEPT = 'kept over runs'
 
 
 class GivenNumbers:

@@ -42,7 +42,7 @@ class IdentifierNode(StageNode[IdentifierParameters]):
         )
 
     def start(self) -> None:
-        """Begin to process windows, and write the state that was read to the audit log."""
+        """Begin to process windows, and write the learned state of the file to the audit log."""
         super().start()
         self._note_learned()
 

@@ -77,7 +77,7 @@ class Inspections:
     """Assignment of the rejects of inspection devices to items. Stamps and times are in ns."""
 
     def __init__(self, parameters: RejectParameters) -> None:
-        self.parameters = parameters  # may be replaced at any time.
+        self.parameters = parameters  # parameters, which may be replaced at any time.
         # Stop request for the first reject that was not applied. The caller removes the request.
         self.missed: StopRequest | None = None
         self._signals: deque[_Signal] = deque(maxlen=_MAX_SIGNALS)

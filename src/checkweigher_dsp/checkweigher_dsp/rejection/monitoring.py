@@ -46,7 +46,7 @@ class RejectMonitor:
     """
 
     def __init__(self, parameters: RejectParameters) -> None:
-        self.parameters = parameters  # may be replaced at any time
+        self.parameters = parameters  # parameters, which may be replaced at any time
         self.request: StopRequest | None = None  # first stop request since the last reset
         self.trouble = ''  # problem of the driver, or empty
         self.conditions = MachineConditions(0, True)

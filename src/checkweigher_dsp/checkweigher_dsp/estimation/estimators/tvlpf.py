@@ -42,7 +42,7 @@ class TvlpfParameters(EstimatorParameters):
         (50.0,), 'cut-off frequency at t2', unit='Hz', minimum=0, maximum=1e5
     )
     final_cutoff: tuple[float, ...] = parameter(
-        (3.0,), 'cut-off frequency after a long time', unit='Hz', minimum=0, maximum=1e5
+        (3.0,), 'limit of the cut-off frequency after t2', unit='Hz', minimum=0, maximum=1e5
     )
     half_life: tuple[float, ...] = parameter(
         (0.1,),

@@ -248,7 +248,8 @@ def _empty_belt_covariance(passages: Sequence[PassParts], count: int) -> Array:
 def _ringing(lead: int, rise: int, duration: float) -> Array:
     """Return the covariance of the ringing of a platform, (k, k), scaled to a mean variance of 1.
 
-    The amplitude is largest while a product enters, and half as large before and long after this.
+    The amplitude is largest while a product enters. Before the entry, and long after it, the
+    amplitude is half as large.
     """
     time = (np.arange(lead + PARTS) - lead + 0.5) * duration
     fading = np.exp(-np.maximum(time - rise * duration, 0.0) / _FADING)
