@@ -8,6 +8,19 @@ import { echarts } from "nicegui-echart";
 // looked up only once, because a lookup makes the browser compute the styles of the page.
 const known = {};
 
+// Dates as a language writes them: the pattern of a day and the names of the months for ECharts,
+// and a function that writes a time. Positions on a time axis are local times as UTC.
+function dates(lang) {
+  const format = options => new Intl.DateTimeFormat(lang, { timeZone: "UTC", ...options });
+  const month = format({ month: "short" }), whole = format({ month: "short", day: "numeric" });
+  const patterns = { day: () => "{d}", month: value => isNaN(value) ? "{MMM}" : "{M}" };
+  return {
+    day: whole.formatToParts(0).map(({ type, value }) => patterns[type]?.(value) ?? value).join(""),
+    monthAbbr: [...Array(12).keys()].map(number => month.format(Date.UTC(2000, number))),
+    moment: format({ dateStyle: "medium", timeStyle: "medium", hourCycle: "h23" }).format,
+  };
+}
+
 export default {
   template: "<div></div>",
   props: { text: String, linked: Boolean },
@@ -90,10 +103,13 @@ export default {
         document.documentElement.lang, { maximumFractionDigits: 6 });
       const shown = value => typeof value === "number" ? numbers.format(value) : value;
       const valueAxis = { ...axis, axisLabel: { ...text, formatter: shown } };
+      const { day, monthAbbr, moment } = dates(document.documentElement.lang);
+      const timeAxis = { ...axis, axisLabel: { ...text, formatter: { day } },
+                         axisPointer: { label: { formatter: ({ value }) => moment(value) } } };
       return echarts.init(this.$el, {
-        valueAxis, categoryAxis: axis, timeAxis: axis, legend: { textStyle: ink },
+        valueAxis, categoryAxis: axis, timeAxis, legend: { textStyle: ink },
         tooltip: { valueFormatter: shown, backgroundColor: this.theme, borderColor: colour("--line"), textStyle: ink },
-      });
+      }, { locale: { time: { monthAbbr } } });
     },
     // Colour of a CSS variable in the present theme.
     colour(name) {

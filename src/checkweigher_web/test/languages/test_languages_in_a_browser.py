@@ -4,10 +4,13 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+import re
 
 from browsers import errors_of, needs_browser, open_browser
 from persons import Technician, new_line
 import pytest
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 
 from checkweigher_web.commissioning.registry import STEPS
@@ -58,6 +61,13 @@ class Reader(Technician):
 
     def menu(self, entry: str) -> None:
         self.choose_in_menu(entry, language(self.name)('Menu'))
+
+    def sees_german_date(self) -> bool:
+        """Move the pointer over the last hour, and return whether its time is as in German."""
+        figure = self.browser.find_element(By.CSS_SELECTOR, '.hour .chart')
+        mouse = ActionChains(self.browser).scroll_to_element(figure).move_to_element(figure)
+        mouse.move_by_offset(1, 0).perform()
+        return bool(re.search(r'\d\d\.\d\d\.\d{4}, \d\d:\d\d:\d\d', figure.text))
 
     def places(self) -> Iterator[Callable[[], object]]:
         """Open the parts of the page one by one, and yield for each a function that closes it."""
@@ -116,5 +126,6 @@ def test_each_page_fits_in_each_language(
                 close()
         ben.prefer(language='de', unit='kg')
         ben.until(lambda: 'brutto, kg' in ben.text('.items thead'))
+        ben.until(ben.sees_german_date)
         assert errors_of(browser) == []
     assert too_wide == []
