@@ -6,6 +6,7 @@ from pathlib import Path
 import re
 
 from browsers import errors_of, needs_browser, open_browser
+from made_procedure import SHORT_PLAN
 from persons import Technician, new_line
 import pytest
 from selenium.webdriver.common.by import By
@@ -64,6 +65,14 @@ class Trainee(Technician):
 
         self.until(done)
 
+    def plan(self, path: Path, text: str) -> None:
+        """Upload a verification plan, and wait until the page shows its duration."""
+        self.commission('5 Verify')
+        path.write_text(text)
+        upload = self.browser.find_element(By.CSS_SELECTOR, '.verify input[type=file]')
+        upload.send_keys(str(path))
+        self.until(lambda: re.search(r'Steps: 9, .* \(as recorded\)', self.text('.verify .found')))
+
     def fits(self, load: float) -> bool:
         found = re.search(r'([-\d.]+) g', self.text('.now .load'))
         return found is not None and abs(float(found[1]) - load) < 1
@@ -105,6 +114,13 @@ def test_a_new_line_is_calibrated_tuned_and_runs_by_the_page_alone(tmp_path: Pat
         ben.until(lambda: re.match(r'(8|9|\d\d+) of 1000 passes', ben.text('.dynamic .state')))
         ben.make('End')
         ben.said('of 1000 passes of 200 g recorded')
+        ben.until(lambda: ' passes of 200 g at 60 m/min' in ben.text('.dynamic .lines'))
+        ben.until(lambda: 'recorded passes: 500 g at 60 m/min' in ben.text('.dynamic .doubts'))
+        assert ben.text('.foot > button') == 'Record passes'
+        ben.plan(tmp_path / 'plan.yaml', SHORT_PLAN)  # of two masses at this speed
+        ben.commission('3 Dynamic')
+        ben.until(lambda: ben.text('.foot > button') == 'Train')
+        assert ben.text('.dynamic .doubts') == ''
         ben.make('Train')
         ben.until(lambda: ben.text('.accuracy tbody').startswith('tvlpf'))
         assert 'not taken over yet' in ben.standing('3 Dynamic')

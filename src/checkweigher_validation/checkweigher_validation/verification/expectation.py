@@ -1,13 +1,13 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Uncertainty that is expected of each result of a plan, compared with the error limit."""
+"""Duration of a plan, and expected uncertainty of each result, compared with the error limit."""
 
 from collections.abc import Iterator
 import math
 from typing import NamedTuple
 
 from checkweigher_validation.verification.evaluation import COVERAGE
-from checkweigher_validation.verification.plan import Plan
+from checkweigher_validation.verification.plan import MINUTE, Plan
 from checkweigher_validation.verification.steps import Step, StepKind, steps_of
 
 _NO_ERROR = StepKind.OUTSIDE, StepKind.REPEATABILITY  # steps whose error has no limit
@@ -39,3 +39,16 @@ def expected_uncertainties(plan: Plan, std_dev: float) -> Iterator[Expected]:
         scatter = 0.0 if step.at_rest else std_dev / math.sqrt(step.count)
         limit = (own.max_static_error if step.at_rest else own.max_error)(step.load.mass)
         yield Expected(step, COVERAGE * math.hypot(scatter, step.load.uncertainty), limit)
+
+
+def expected_duration(plan: Plan, spacing: float) -> float:
+    """Return the duration of a plan in s, if the products enter the belt `spacing` m apart.
+
+    It includes the waiting times of the warm-up. It does not include the time that a person needs
+    to place a load, to change the belt speed, or to answer.
+    """
+    time = 0.0
+    for step in steps_of(plan):
+        time = max(time, MINUTE * (step.minutes or 0.0))
+        time += plan.rest.duration_s if step.speed is None else step.count * spacing / step.speed
+    return time

@@ -5,6 +5,7 @@
 import pytest
 
 from checkweigher_core.parameters import SettingsError
+from checkweigher_validation.verification.expectation import expected_duration
 from checkweigher_validation.verification.plan import EXAMPLE, LONGEST, read_plan
 from checkweigher_validation.verification.steps import StepKind, steps_of
 
@@ -37,6 +38,13 @@ def test_steps_go_from_the_warm_up_to_the_zero_after_the_loads():
     assert static == ['up_small', 'up_middle', 'up_large', 'down_middle', 'down_small']
     passes = next(step for step in steps if step.name == 'passes_30_middle')
     assert passes.to_do == 'Run the belt at 30 m/min and let middle (194.5 g) pass'
+
+
+def test_a_plan_takes_as_long_as_its_warm_up_and_what_comes_after():
+    # Readings of 5 s: 1 at the end of the warm-up of 30 min, 5 of the zero, 6 at rest. At 1 m/s
+    # 10 passes of the warm-up, 180 of the loads, 180 beside the middle and 60 more.
+    at_rest, passes = 12 * 5, 0.6 * (430 / 1.0 + 180 / 0.5 + 3 / 2.5)
+    assert expected_duration(read_plan(EXAMPLE), 0.6) == pytest.approx(30 * 60 + at_rest + passes)
 
 
 @pytest.mark.parametrize(

@@ -3,17 +3,27 @@
 """Commissioning step Dynamic: passes of a known mass at each belt speed, and training."""
 
 from functools import partial
+from itertools import product
 import math
 
 from checkweigher_msgs.msg import DynamicSetting
 from nicegui import ui
 
 from checkweigher_core.ros import ports
+from checkweigher_validation.verification.plan import MINUTE
 from checkweigher_web.commissioning.accuracy import matrix_of
+from checkweigher_web.commissioning.coverage import (
+    Recorded,
+    lines_of,
+    loads_of,
+    not_covered,
+    recorded,
+)
 from checkweigher_web.commissioning.step import Choice, Standing, Step
 from checkweigher_web.elements import Lines, Table, named, scrolled, show_told
 from checkweigher_web.languages.language import Mass, Text
 from checkweigher_web.languages.wording import in_words
+from checkweigher_web.work.actions import products
 from checkweigher_web.work.dialogs import field, mass_in, number_in
 from checkweigher_web.work.services import ActionRefusedError
 
@@ -31,13 +41,16 @@ class DynamicStep(Step):
     title = Text('Dynamic')
     to_do = Text(
         'Run the belt at a speed, type the known mass, record, and let that product pass as often. '
-        'Do the same at each speed of production, with masses from both ends of the range too if '
-        'these will be verified. Then train: the line goes on weighing meanwhile. What was trained '
-        'is used after "Take over" and the next start of the line.'
+        'Do the same at each speed of production, and with the lightest and the heaviest mass that '
+        'will be weighed or verified. Then train: the line goes on weighing meanwhile. What was '
+        'trained is used after "Take over" and the next start of the line.'
     )
 
     def _build(self) -> None:
         self._said: DynamicSetting | None = None
+        self._known: tuple[Recorded, ...] = ()  # recorded passes
+        self._lacking: list[Text] = []  # lines on the passes that training needs besides
+        self._products: list[float] = []  # gross masses of the recipes in kg
         self._table: list[str] = []  # lines of the accuracy table on the page
         self._taken = False
         with ui.element('div').classes('fields'):
@@ -46,7 +59,9 @@ class DynamicStep(Step):
         self._state = ui.label('').classes('state').props('role=status')
         self._bar = ui.linear_progress(0, show_value=False, size='1rem')
         named(self._bar.props('instant-feedback'), self.say('part that is done'))
-        self._recorded = ui.label('').classes('about')
+        self._recorded = named(Lines().classes('lines'), self.say('recorded passes'))
+        self._recorded.props('tabindex=0')  # keys scroll a long list
+        self._doubts = named(Lines().classes('lines doubts'), self.say('not recorded yet'))
         self._changes = named(Lines().classes('lines changes'), self.say('now and after'))
         with scrolled('accuracy', self.say('accuracy')):
             self._accuracy = ui.element('div')
@@ -71,7 +86,7 @@ class DynamicStep(Step):
         return Standing(True, Text('taken over'))
 
     async def update(self) -> None:
-        """Show the progress, and also the accuracy if it has changed."""
+        """Show the progress and the recorded passes, and also the accuracy if it has changed."""
         said = self.services.setting
         if said is None:
             return
@@ -79,14 +94,36 @@ class DynamicStep(Step):
         show_told(self._state, text, self.say)
         self._bar.set_value(share)
         self._bar.set_visibility(not math.isnan(share))
+        await self._show_coverage()
         if said is self._said:
             return
         self._said = said
-        self._recorded.set_text(self.say('Recordings so far: {count}', count=len(said.bags)))
         lines = await self._trained()
         if lines != self._table and not self._state.is_deleted:
             self._table = lines
             self._show_table()
+
+    async def _show_coverage(self) -> None:
+        """Show what the recorded passes cover, and what will be weighed but is not recorded."""
+        before, self._known = self._known, await recorded(self.services)
+        if self._said is None or self._known != before:
+            self._products = await self._masses_of_recipes()
+        if self._state.is_deleted:
+            return
+        speeds = {round(MINUTE * each.speed) / MINUTE for each in self._known}
+        loads = [*loads_of(self.desk.plan), *product(speeds, self._products)]
+        self._lacking = lines_of(not_covered(self._known, loads))
+        self._recorded.show(self.say(_words(each)) for each in self._known)
+        self._recorded.set_visibility(bool(self._known))
+        self._doubts.show(map(self.say, self._lacking))
+        self._doubts.set_visibility(bool(self._lacking))
+
+    async def _masses_of_recipes(self) -> list[float]:
+        try:
+            known = await products(self.services)
+        except ActionRefusedError:
+            return []
+        return [each.nominal + each.tare for each in known.values()]
 
     def _progress(self, said: DynamicSetting) -> tuple[float, str]:
         """Return the completed fraction of an action, or NaN if none runs, and a text for it."""
@@ -132,18 +169,30 @@ class DynamicStep(Step):
             return Choice(Text('Take over'), self._take_over, is_idle)
         if self._taken:
             return Choice(Text('Start the line again'), self._restart, is_idle)
-        return Choice(Text('Record passes'), self._record, is_idle)
+        return self._recording_and_training()[0]
 
     def others(self) -> tuple[Choice, ...]:
-        """Return the buttons that end a running action, drop trained parameters, and train."""
+        """Return the buttons that end a running action, drop trained parameters, and train.
+
+        While training is the main button, the last one records further passes.
+        """
         said = self.services.setting
         works = said is not None and self._works(said)
-        has_passes = said is not None and bool(said.bags)
         return (
             Choice(Text('End'), self._end, works),
             Choice(Text('Drop'), self._drop, bool(self._table) and not works),
-            Choice(Text('Train'), self._train, has_passes and not works),
+            self._recording_and_training()[1],
         )
+
+    def _recording_and_training(self) -> tuple[Choice, Choice]:
+        """Return the buttons that record passes and train, the next action first."""
+        said = self.services.setting
+        is_idle = said is not None and not self._works(said)
+        has_passes = said is not None and bool(said.bags)
+        record = Choice(Text('Record passes'), self._record, is_idle)
+        train = Choice(Text('Train'), self._train, has_passes and is_idle)
+        is_next = bool(self._known) and not self._lacking and not self.standing().is_done
+        return (train, record) if is_next and not self._table else (record, train)
 
     @staticmethod
     def _works(said: DynamicSetting) -> bool:
@@ -205,6 +254,16 @@ class DynamicStep(Step):
     async def _restart(self) -> None:
         restart = partial(self.services.message, ports.RESTART_LINE)
         self._taken = not await self.perform(Text('start the line again'), restart)
+
+
+def _words(known: Recorded) -> Text:
+    speed = round(MINUTE * known.speed)
+    return Text(
+        '{count} passes of {mass} at {speed} m/min',
+        count=known.passes,
+        mass=Mass(round(known.mass, 6)),
+        speed=speed,
+    )
 
 
 def _time(seconds: float) -> str:

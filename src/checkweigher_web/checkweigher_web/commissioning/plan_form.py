@@ -3,18 +3,24 @@
 """Form for a verification plan. A change in the form changes the text of the plan."""
 
 from collections.abc import Iterable, Iterator, Mapping
+import math
 from typing import Any, NamedTuple
 
 import yaml
 
 from checkweigher_core.parameters import ParameterError
+from checkweigher_core.records import GRAMS
 from checkweigher_core.settings_files import plain
 from checkweigher_core.yaml_files import opened
 from checkweigher_validation.accuracy.classes import CLASSES
-from checkweigher_validation.verification.expectation import Expected, expected_uncertainties
-from checkweigher_validation.verification.plan import EXAMPLE, read_plan
+from checkweigher_validation.verification.expectation import (
+    Expected,
+    expected_duration,
+    expected_uncertainties,
+)
+from checkweigher_validation.verification.plan import EXAMPLE, MINUTE, read_plan
 from checkweigher_validation.verification.steps import Step, steps_of
-from checkweigher_web.languages.language import Mass, Text
+from checkweigher_web.languages.language import ENGLISH, Language, Mass, Text
 from checkweigher_web.languages.wording import from_node
 
 
@@ -33,9 +39,9 @@ _FIELDS = (
     Field(('environment',), Text('Temperature, humidity, pressure')),
     Field(('class',), Text('Accuracy class'), choices=tuple(CLASSES)),
     Field(('factor',), Text('Class factor x')),
-    Field(('e_g',), Text('Verification interval e'), 'g'),
-    Field(('min_g',), Text('Min'), 'g'),
-    Field(('max_g',), Text('Max'), 'g'),
+    Field(('e_g',), Text('Verification interval e')),
+    Field(('min_g',), Text('Min')),
+    Field(('max_g',), Text('Max')),
     Field(('machine', 'serial'), Text('Serial number of the machine')),
     Field(('load_cell', 'serial'), Text('Serial number of the load cell')),
     Field(('amplifier', 'serial'), Text('Serial number of the amplifier')),
@@ -43,12 +49,13 @@ _FIELDS = (
     Field(('passes',), Text('Passes of each mass (empty: as the rule asks)')),
 )
 _OF_MASS = (
-    ('mass_g', Text('mass'), 'g'),
-    ('uncertainty_g', Text('standard uncertainty'), 'g'),
-    ('certificate', Text('certificate'), ''),
-    ('serial', Text('serial number'), ''),
+    ('mass_g', Text('mass')),
+    ('uncertainty_g', Text('standard uncertainty')),
+    ('certificate', Text('certificate')),
+    ('serial', Text('serial number')),
 )
 _NUMBERS = 'factor', 'passes'
+_SPACING = 1.0  # assumed distance in m from one product to the next
 # Labels of the tests that a plan may omit, by the keys of their sections.
 TESTS = {
     'warm_up': Text('Warm-up'),
@@ -60,20 +67,21 @@ TESTS = {
 }
 
 
-def fields_of(text: str) -> list[tuple[Field, str]]:
+def fields_of(text: str, say: Language = ENGLISH) -> list[tuple[Field, str]]:
     """Return the fields of the form for the text of a plan, each with its value.
 
-    Raises `ParameterError` if the text is not a YAML mapping.
+    Masses have the unit of `say`. Raises `ParameterError` if the text is not a YAML mapping.
     """
     plan = _sections(text)
     masses = plan.get('references')
     names = list(masses) if isinstance(masses, dict) else []
     of_masses = (
-        Field(('references', name, key), Text('{name}: {label}', name=name, label=label), unit)
+        Field(('references', name, key), Text('{name}: {label}', name=name, label=label))
         for name in names
-        for key, label, unit in _OF_MASS
+        for key, label in _OF_MASS
     )
-    return [(field, _value(plan, field.path)) for field in (*_FIELDS, *of_masses)]
+    fields = (_in_unit(field, say) for field in (*_FIELDS, *of_masses))
+    return [(field, _value(plan, field.path, say)) for field in fields]
 
 
 def chosen_tests(text: str) -> set[str]:
@@ -81,13 +89,16 @@ def chosen_tests(text: str) -> set[str]:
     return {key for key in TESTS if _sections(text).get(key)}
 
 
-def with_value(text: str, path: tuple[str, ...], value: str) -> str:
-    """Return the text of a plan with a new value for a field. An empty value removes the key."""
+def with_value(text: str, path: tuple[str, ...], value: str, say: Language = ENGLISH) -> str:
+    """Return the text of a plan with a new value for a field. An empty value removes the key.
+
+    The value of a mass has the unit of `say`. The plan keeps g.
+    """
     plan = section = _sections(text)
     for key in path[:-1]:
         section = section.setdefault(key, {})
     if value.strip():
-        section[path[-1]] = _typed(path[-1], value)
+        section[path[-1]] = _typed(path[-1], value, say)
     else:
         section.pop(path[-1], None)
     return _dumped(plan)
@@ -116,11 +127,14 @@ def _fitted(section: Any, loads: Iterable[str], load: str, speed: float) -> Any:
     return {key: own.get(key, value) for key, value in section.items()}
 
 
-def summary(text: str, std_dev: float) -> tuple[Text, list[tuple[Text, str]], list[Text]]:
+def summary(
+    text: str, std_dev: float, spacing: float = math.nan
+) -> tuple[Text, list[tuple[Text, str]], list[Text]]:
     """Return a summary of a plan, its steps as rows, and lines on steps that cannot be decided.
 
-    `std_dev` is the standard deviation in kg of the mass in one pass, or 0 if it is not known. If
-    the plan is not valid, the summary is the error, and there are no rows or lines.
+    `std_dev` is the standard deviation in kg of the mass in one pass, or 0 if it is not known.
+    `spacing` is the recorded distance in m from one product to the next, or NaN if it is not known.
+    If the plan is not valid, the summary is the error, and there are no rows or lines.
     """
     try:
         plan = read_plan(text)
@@ -128,8 +142,18 @@ def summary(text: str, std_dev: float) -> tuple[Text, list[tuple[Text, str]], li
         return Text('The plan is not complete: {error}', error=str(error)), [], []
     steps = steps_of(plan)
     rows = [(step_words(step.name), _to_do(step)) for step in steps]
-    passes = sum(step.count for step in steps)
-    line = Text('Steps: {steps}, passes: {passes}', steps=len(steps), passes=passes)
+    is_known = math.isfinite(spacing)
+    spacing = spacing if is_known else _SPACING
+    line = Text(
+        'Steps: {steps}, passes: {passes}, duration: at least {minutes} min, with {spacing} cm '
+        'from one product to the next ({source}), and without the time to place loads and to set '
+        'the belt speed',
+        steps=len(steps),
+        passes=sum(step.count for step in steps),
+        minutes=math.ceil(expected_duration(plan, spacing) / MINUTE),
+        spacing=round(100 * spacing),
+        source=Text('as recorded') if is_known else Text('assumed'),
+    )
     return line, rows, list(_doubts(expected_uncertainties(plan, std_dev)))
 
 
@@ -197,18 +221,39 @@ def _sections(text: str) -> dict[str, Any]:
     return found
 
 
-def _value(plan: Mapping[str, Any], path: tuple[str, ...]) -> str:
+def _in_unit(field: Field, say: Language) -> Field:
+    return field._replace(unit=say.unit) if _is_mass(field.path[-1]) else field
+
+
+def _is_mass(key: str) -> bool:
+    return key.endswith('_g')
+
+
+def _value(plan: Mapping[str, Any], path: tuple[str, ...], say: Language) -> str:
     found: Any = plan
     for key in path:
         found = found.get(key, '') if isinstance(found, Mapping) else ''
+    if _is_mass(path[-1]) and isinstance(found, (int, float)):
+        return say.entry(say.per_kg * found / GRAMS)
     return ', '.join(map(str, found)) if isinstance(found, list) else str(found)
 
 
-def _typed(key: str, value: str) -> Any:
+def _typed(key: str, value: str, say: Language) -> Any:
     """Return the value of a key with the type that the plan needs: a list, a number or a text."""
     if key == 'speeds_m_per_min':
         return [_number(each) for each in value.replace(';', ',').split(',') if each.strip()]
-    return _number(value) if key.endswith('_g') or key in _NUMBERS else value.strip()
+    if _is_mass(key):
+        return _grams(value, say)
+    return _number(value) if key in _NUMBERS else value.strip()
+
+
+def _grams(value: str, say: Language) -> float | int | str:
+    """Return a mass in g for a value in the unit of `say`, or an invalid number as text."""
+    number = _number(value)
+    if isinstance(number, str):
+        return number
+    # Eight digits restore the mass that `Language.entry` shows with nine.
+    return _number(f'{GRAMS / say.per_kg * number:.8g}')
 
 
 def _number(value: str) -> float | int | str:

@@ -72,7 +72,7 @@ class Step(ABC):
         """Return the button for the next action of the step."""
 
     def others(self) -> tuple[Choice, ...]:
-        """Return the other buttons of the step, whose number and labels never change."""
+        """Return the other buttons of the step, whose number never changes."""
         return ()
 
     @abstractmethod

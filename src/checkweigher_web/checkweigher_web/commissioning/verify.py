@@ -16,6 +16,14 @@ from checkweigher_core.parameters import ParameterError
 from checkweigher_core.records import ProgressState, StepAnswer, VerificationProgress
 from checkweigher_core.ros import ports
 from checkweigher_validation.verification.plan import EXAMPLE, LONGEST, PLANS, VERIFICATIONS
+from checkweigher_web.commissioning.coverage import (
+    Recorded,
+    lines_of,
+    loads_of,
+    not_covered,
+    recorded,
+    usual_spacing,
+)
 from checkweigher_web.commissioning.plan_form import (
     TESTS,
     Field,
@@ -65,8 +73,10 @@ class VerifyStep(Step):
     def _build(self) -> None:
         say = self.say
         self._said: VerificationProgress | None = None
-        self._text = EXAMPLE
+        self._known: tuple[Recorded, ...] = ()  # recorded passes
         self._paths: dict[str, Path] = {}  # plans by their paths relative to the folder
+        self._found = ui.label('').classes('found').props('role=status')
+        self._doubts = named(Lines().classes('lines doubts'), say('cannot be decided'))
         with ui.element('div').classes('fields') as self._choice:
             self._plans = ui.select(self._named(), label=say('Plan'), on_change=self._read_chosen)
             self._plans.props('outlined dense')
@@ -75,8 +85,6 @@ class VerifyStep(Step):
             with ui.expansion(say('The plan as text, for experts')).classes('expert'):
                 self._plan = ui.textarea(say('Text of the plan'), on_change=self._edit)
                 self._plan.props('outlined dense debounce=300').classes('plan')
-        self._found = ui.label('').classes('found').props('role=status')
-        self._doubts = named(Lines().classes('lines doubts'), say('cannot be decided'))
         self._state = ui.label('').classes('state').props('role=status')
         self._lines = Lines().classes('read lines')
         named(self._lines.props('tabindex=0'), say('what came in this step, the latest first'))
@@ -108,16 +116,16 @@ class VerifyStep(Step):
             self.tell(Outcome(False, f'{name}: {error}'))
 
     def _edit(self) -> None:
-        if (text := str(self._plan.value or '')) != self._text:
+        if (text := str(self._plan.value or '')) != self.desk.plan:
             self._show_text(text)
 
     def _show_text(self, text: str) -> None:
         """Show the text of a plan, and its values in the form."""
-        self._text = text
+        self.desk.plan = text
         self._plan.set_value(text)
         self._form.clear()
         try:
-            fields, tests = fields_of(text), chosen_tests(text)
+            fields, tests = fields_of(text, self.say), chosen_tests(text)
         except ParameterError:  # Show no form. The summary shows the error.
             fields, tests = [], set()
         with self._form:
@@ -143,18 +151,21 @@ class VerifyStep(Step):
         choice.props('outlined dense')
 
     def _set_value(self, path: tuple[str, ...], event: object) -> None:
-        self._change(with_value(self._text, path, str(getattr(event, 'value', '') or '')))
+        value = str(getattr(event, 'value', '') or '')
+        self._change(with_value(self.desk.plan, path, value, self.say))
 
     def _set_test(self, key: str, event: object) -> None:
-        self._change(with_test(self._text, key, made=bool(getattr(event, 'value', False))))
+        self._change(with_test(self.desk.plan, key, made=bool(getattr(event, 'value', False))))
 
     def _change(self, text: str) -> None:
-        self._text = text
+        self.desk.plan = text
         self._plan.set_value(text)
         self._show_summary()
 
     def _show_summary(self) -> None:
-        line, rows, doubts = summary(self._text, self._std_dev())
+        known = self._known
+        line, rows, doubts = summary(self.desk.plan, self._std_dev(), usual_spacing(known))
+        doubts += lines_of(not_covered(known, loads_of(self.desk.plan))) if known else []
         self._found.set_text(self.say(line))
         self._doubts.show(map(self.say, doubts))
         self._doubts.set_visibility(bool(doubts))
@@ -169,7 +180,8 @@ class VerifyStep(Step):
     # Procedure
 
     async def update(self) -> None:
-        """Show the progress of the verification."""
+        """Show the progress of the verification, and the plan when passes were recorded."""
+        await self._show_recorded()
         said, before = self.services.verification, self._said
         if said is None or said is before:
             return
@@ -177,15 +189,25 @@ class VerifyStep(Step):
         is_idle = said.state is ProgressState.IDLE
         show_told(self._state, _state(said), self.say)
         self._lines.show(self.say(in_words(line)) for line in reversed(said.lines))
-        if said.steps and not (is_idle and before is None):
-            names = (self.say(step_words(each)) for each in said.steps)
-            results = (told(from_node(each), self.say) for each in said.results)
-            self._table.show(zip(names, results, strict=True))
+        if not (is_idle and before is None):
+            self._show_results(said)
         if before is None or before.state is not said.state:
             for element in (self._choice, self._found, self._doubts):
                 element.set_visibility(is_idle)
             if is_idle:
                 self._show_choices(Path(said.folder))
+
+    async def _show_recorded(self) -> None:
+        known = await recorded(self.services)
+        if known != self._known and not self._state.is_deleted:
+            self._known = known
+            self._show_summary()
+
+    def _show_results(self, said: VerificationProgress) -> None:
+        if said.steps:
+            names = (self.say(step_words(each)) for each in said.steps)
+            results = (told(from_node(each), self.say) for each in said.results)
+            self._table.show(zip(names, results, strict=True))
 
     def _show_choices(self, folder: Path) -> None:
         made = sorted((folder / VERIFICATIONS).glob('*/plan.yaml'), reverse=True)[:_MANY]
@@ -224,7 +246,7 @@ class VerifyStep(Step):
 
     async def _begin(self) -> None:
         async def verify() -> str:
-            answer = await self.services.do(ports.RUN_VERIFICATION, plan=self._text)
+            answer = await self.services.do(ports.RUN_VERIFICATION, plan=self.desk.plan)
             verdict = str(answer.message)
             return Text('the verification has ended: {verdict}', verdict=verdict)
 

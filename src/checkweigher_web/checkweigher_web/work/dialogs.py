@@ -13,6 +13,7 @@ from nicegui.element import Element
 from checkweigher_core.printable import one_line
 from checkweigher_validation.batch.signatures import Signature
 from checkweigher_validation.batch.signing import Signable, SigningError
+from checkweigher_validation.verification.plan import EXAMPLE
 from checkweigher_web.access.guard import Access
 from checkweigher_web.access.throttle import keys_of
 from checkweigher_web.access.users import Role, WrongPasswordError, sign_by
@@ -41,7 +42,7 @@ class Desk:
     """Access of one user to a lane.
 
     `services` returns the services of the lane, and `auditor` reads its audit log. `say` is the
-    language of the user.
+    language of the user, and `plan` is the text of the verification plan that the user edits.
     """
 
     def __init__(
@@ -57,6 +58,7 @@ class Desk:
         self.services = services
         self.auditor = auditor
         self.users = access.users
+        self.plan = EXAMPLE
         self.needs_reason = False  # whether the recipe in use requires a reason for each action
         self._access = access
         self._client = ui.context.client

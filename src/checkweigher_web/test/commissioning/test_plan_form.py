@@ -13,6 +13,7 @@ from checkweigher_web.commissioning.plan_form import (
     with_test,
     with_value,
 )
+from checkweigher_web.languages.language import UNITS, Language
 
 
 def test_the_form_has_what_the_plan_has_and_changes_nothing_else():
@@ -40,6 +41,19 @@ def test_values_of_the_form_are_those_of_the_plan():
     assert read_plan(with_value(text, ('passes',), '')).passes == 0
 
 
+@pytest.mark.parametrize('unit', UNITS)
+def test_masses_of_the_form_are_in_the_unit_of_the_viewer(unit: str):
+    before, text, say = read_plan(EXAMPLE), EXAMPLE, Language('de', unit)
+    path = 'references', 'small', 'mass_g'
+    shown = {field.path: (value, field.unit) for field, value in fields_of(text, say)}
+    assert shown[path] == ({'g': '74,5', 'kg': '0,0745'}.get(unit, shown[path][0]), unit)
+    for each, (value, _) in shown.items():
+        text = with_value(text, each, value, say)
+    assert read_plan(text) == before
+    pound = with_value(EXAMPLE, path, '0,25', Language('de', 'lb'))
+    assert read_plan(pound).references['small'].mass_g == pytest.approx(113.398, abs=1e-3)
+
+
 @pytest.mark.parametrize('key', TESTS)
 def test_a_test_is_left_out_and_taken_in_again(key: str):
     without = with_test(EXAMPLE, key, made=False)
@@ -52,7 +66,8 @@ def test_a_test_is_left_out_and_taken_in_again(key: str):
 def test_a_plan_says_what_cannot_be_decided():
     text = with_value(EXAMPLE, ('references', 'small', 'uncertainty_g'), '0.1')
     line, rows, doubts = summary(text, 0.0)
-    assert line.startswith(f'Steps: {len(rows)}, passes: ')
+    assert line.startswith(f'Steps: {len(rows)}, passes: 643, duration: at least 45 min, with 100 ')
+    assert 'at least 39 min, with 60 cm' in summary(text, 0.0, 0.6)[0]
     (doubt,) = doubts
     assert doubt.startswith('Cannot be decided, because the error will be known to 0.2 g (k = 2)')
     assert 'small at 30 m/min, small at 60 m/min, small at rest, loading' in doubt
