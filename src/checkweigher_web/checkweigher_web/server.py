@@ -47,7 +47,13 @@ from checkweigher_web.shift import Shift
 from checkweigher_web.technician.practice import Practice
 from checkweigher_web.views.view import Look
 from checkweigher_web.work.audit_view import Auditor
-from checkweigher_web.work.bar import keep_item, work_bar, work_menu, work_of
+from checkweigher_web.work.bar import (
+    hint_to_commissioning,
+    keep_item,
+    work_bar,
+    work_menu,
+    work_of,
+)
 from checkweigher_web.work.dialogs import Desk
 from checkweigher_web.work.keeping import HELD, Keeper
 from checkweigher_web.work.reports import add_reports
@@ -219,6 +225,7 @@ def _add_pages(
         menu = partial(work_menu, desk, look)
         header(access, _title(name, look.say), look.say, look, lambda: lanes.only() is None, menu)
         hint_to_users(access, look.say)
+        hint_to_commissioning(desk)
         if look.work:
             work_bar(look)
             if keeper is not None:

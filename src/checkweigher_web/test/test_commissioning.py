@@ -34,8 +34,14 @@ class Trainee(Technician):
     def switch_feed(self, *, on: bool) -> None:
         """Start or stop the products of the simulated machine."""
         switch = '.machine > .q-toggle'
-        self.browser.execute_script(_TO_THE_MIDDLE, switch)  # away from the foot of the page
-        self.until(lambda: self.clicked(switch))
+
+        def clicked() -> bool:
+            if not self.text(switch):  # the page does not show the machine yet
+                return False
+            self.browser.execute_script(_TO_THE_MIDDLE, switch)  # away from the foot of the page
+            return self.clicked(switch)
+
+        self.until(clicked)
         self.wait_for(f'feed {on}')
 
     def value(self, label: str) -> str:
@@ -84,6 +90,9 @@ def test_a_new_line_is_calibrated_tuned_and_runs_by_the_page_alone(tmp_path: Pat
         ben = Trainee(browser, line)
         ben.log_in('ben')
         ben.until(lambda: 'FAULT' in ben.text('.decision'))  # no product is selected yet
+        ben.until(lambda: 'This machine was not trained' in ben.text('.hint'))
+        ben.until(lambda: ben.clicked('.hint a', 'Commissioning'))
+        ben.until(lambda: ben.text('.path'))
 
         ben.commission('1 Zero')
         ben.switch_feed(on=False)
@@ -141,6 +150,7 @@ def test_a_new_line_is_calibrated_tuned_and_runs_by_the_page_alone(tmp_path: Pat
         browser.get(f'http://127.0.0.1:{line.port}/')
         # The line uses the trained parameters and the calibration.
         ben.until(lambda: 'tvlpf' in ben.text('[aria-label=Item] .about'))
+        ben.until(lambda: not ben.text('.hint'))
         ben.until(lambda: 'FAULT' in ben.text('.decision'))
         # The line that ended requested a stop, and the new line withdraws the request.
         ben.until(lambda: not ben.text('.stop'))

@@ -33,6 +33,10 @@ _STOP = Text(
     'Weighing stops: what is on the belt is a fault, and a line with outputs stands until it is '
     'started and its stop is reset.'
 )
+_UNTRAINED = Text(
+    'This machine was not trained on passes of known mass yet. The steps from zero to a verified '
+    'line:'
+)
 _ACKNOWLEDGE = Text('You have seen all alarms. Those that are over leave the list.')
 _Begin = Callable[[Desk, LaneServices], Awaitable[None]]
 
@@ -60,6 +64,22 @@ def work_bar(look: Look) -> None:
         buttons['Stop'].set_visibility(stands not in ENDED.values())
 
     update()
+    ui.timer(_PERIOD, update)
+
+
+def hint_to_commissioning(desk: Desk) -> None:
+    """Lead a technician to the commissioning page until the machine is trained."""
+    if desk.role < Role.TECHNICIAN:
+        return
+    with ui.element('aside').classes('hint') as hint:
+        ui.label(desk.say(_UNTRAINED))
+        ui.link(desk.say('Commissioning'), f'/commissioning/{desk.lane.name}')
+    hint.set_visibility(False)
+
+    async def update() -> None:
+        setting = (await desk.services()).setting
+        hint.set_visibility(setting is not None and not setting.file)
+
     ui.timer(_PERIOD, update)
 
 
