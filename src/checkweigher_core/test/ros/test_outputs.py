@@ -280,4 +280,4 @@ def test_a_refused_call_is_answered_with_its_reason_and_logged(process, capfd):
     process.wait_for(called.done)
 
     assert (called.result().success, called.result().message) == (False, 'the belt runs')
-    assert 'refuse: refused: the belt runs' in capfd.readouterr().err
+    assert 'refuse: refused: the belt runs' in ''.join(capfd.readouterr())
