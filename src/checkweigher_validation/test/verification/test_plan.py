@@ -80,7 +80,7 @@ def test_a_plan_takes_as_long_as_its_warm_up_and_what_comes_after():
         ('duration_s: 5 ', 'duration_s: .nan ', 'rest.duration_s: nan is not in'),
         ('machine:  ', 'machine: [', 'line 6: bad YAML: '),
         ('in_service', 'in_servise', 'in_servise: no such key'),
-        ('# Plan', '#' * LONGEST, 'at most 10000: shorten'),
+        ('# Plan', '#' * LONGEST, 'at most 10000 are allowed'),
     ],
 )
 def test_what_is_wrong_in_a_plan_is_named(old: str, new: str, message: str):
