@@ -50,7 +50,8 @@ class TunedIswdEksi(Tunable):
 
     def estimates(self, values: Mapping[str, float]) -> NDArray[np.float64]:
         """Return the estimated load of each pass, (n,) in kg; NaN if the platform is unstable."""
-        windows = Denoiser(self._denoise(values)).denoise_all(self.windows)
+        passes = [each.window for each in self.group.passes]
+        windows = Denoiser(self._denoise(values)).denoise_all(passes)
         own = {'rise_noise': (values['rise_noise'],), 'doubt': False}
         loads = self.estimator(self.known.for_speed(self.group.speed, own)).estimate_all(windows)
         # Return NaN for an unstable platform, because the identifier does not accept it either.

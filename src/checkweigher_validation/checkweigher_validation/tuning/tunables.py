@@ -4,11 +4,13 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_core.records import WeighWindow
 from checkweigher_dsp.denoising.denoiser import Denoiser
 from checkweigher_dsp.estimation.estimators import METHODS
 from checkweigher_dsp.estimation.estimators.base import Axis, Estimator
@@ -26,10 +28,7 @@ def estimates_of(group: SpeedGroup, parameters: LineParameters) -> NDArray[np.fl
     """Return the estimates of the selected estimator before gain and offset, (n,) in kg."""
     identifier = parameters.identifier
     estimator = METHODS[identifier.estimator](identifier.chosen)
-    windows = [each.window for each in group.passes]
-    if estimator.needs_denoised:
-        windows = Denoiser(parameters.denoise).denoise_all(windows)
-    return _masses(estimator, windows)
+    return _masses(estimator, _windows(group, type(estimator), parameters))
 
 
 class Tunable:
@@ -49,7 +48,11 @@ class Tunable:
         self.base = base
         self.others = [other for other in groups if other is not group]
         self.estimator = METHODS[name]
-        self.windows = [each.window for each in group.passes]
+
+    @cached_property
+    def windows(self) -> list[WeighWindow]:
+        """Windows of the passes, denoised as in `base` if the estimator uses that signal."""
+        return _windows(self.group, self.estimator, self.base)
 
     @classmethod
     def prepare(cls, groups: Sequence[SpeedGroup], base: LineParameters) -> LineParameters:
@@ -108,6 +111,15 @@ class Tunable:
         """Return the parameters at this speed. A key has the form ``node.name``."""
         learned = self.learn(np.arange(len(self.windows)), values)
         return {f'identifier.{self.name}.{name}': numbers for name, numbers in learned.items()}
+
+
+def _windows(
+    group: SpeedGroup, estimator: type[Estimator], parameters: LineParameters
+) -> list[WeighWindow]:
+    windows = [each.window for each in group.passes]
+    if estimator.needs_denoised:
+        windows = Denoiser(parameters.denoise).denoise_all(windows)
+    return windows
 
 
 def _masses(estimator: Estimator, windows: Sequence[Any]) -> NDArray[np.float64]:

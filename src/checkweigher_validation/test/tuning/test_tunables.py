@@ -17,7 +17,7 @@ from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_validation.accuracy.evaluating import weigh_passes
 from checkweigher_validation.accuracy.passes import SpeedGroup
 from checkweigher_validation.tuning.calibration import folds
-from checkweigher_validation.tuning.tunables import estimates_of
+from checkweigher_validation.tuning.tunables import Tunable, estimates_of
 from checkweigher_validation.tuning.tuner import TUNABLES, tune
 
 SAME = 1e-9  # relative
@@ -126,6 +126,13 @@ def test_all_that_is_searched_can_be_written_and_gives_masses_or_none(group, nam
         assert found == pytest.approx(estimates, rel=SAME, nan_ok=True)
     if end == 'start':
         assert np.all(np.isfinite(estimates))
+
+
+def test_an_estimator_that_is_tuned_alone_is_given_the_denoised_signal(group):
+    lists = {'identifier.iswd_eksi.rise_noise': (20.0,)}
+    line = line_of('iswd_eksi', group, lists)
+    alone = Tunable('iswd_eksi', group, line).estimates({'rise_noise': 20.0})
+    assert alone == pytest.approx(estimates_of(group, line), rel=SAME)
 
 
 @pytest.mark.parametrize(
