@@ -36,7 +36,7 @@ import numpy as np
 
 from checkweigher_core.changes import RECORD
 from checkweigher_core.printable import one_line
-from checkweigher_core.records import Decision, FillerFeedback, Verdict
+from checkweigher_core.records import Decision, FillerFeedback, Verdict, newer_fields
 from checkweigher_core.state_files import replace_file
 from checkweigher_production.audit_log import Entry
 from checkweigher_production.recipes import product_of
@@ -45,8 +45,6 @@ SUFFIX = '.jsonl'
 _LONGEST = 200  # largest number of characters of a batch name in a file name
 _RETRY = 1.0  # time in s between two attempts to write
 _LONGEST_LINE = 2**16  # largest number of bytes in a line
-# Fields of a verdict that are missing in old files.
-_NEWER = ('station', 'station_at')
 # End of a line with its hash.
 _HASH = re.compile(rb',"hash":"([0-9a-f]{64})"}\n')
 # Number of bytes of the end of a line.
@@ -228,14 +226,14 @@ def _begin(values: Mapping[str, Any]) -> Mapping[str, Any]:
 def _record_of(kind: type[_Record], values: Mapping[str, Any]) -> _Record:
     """Return an instance of `kind` with the values of a line.
 
-    Unknown fields are ignored. Raises `RecordError` if a value cannot be used, or if a field that
-    is not in `_NEWER` is missing.
+    Unknown fields are ignored. Raises `RecordError` if a value cannot be used, or if a field is
+    missing that is not one of `newer_fields`.
     """
-    own, hints = {}, get_type_hints(kind)
+    own, hints, newer = {}, get_type_hints(kind), newer_fields(kind)
     for each in fields(kind):
         if each.name in values:
             own[each.name] = _typed(hints[each.name], values[each.name], each.name)
-        elif each.name not in _NEWER:
+        elif each.name not in newer:
             raise RecordError(f'{each.name} is missing')
     return kind(**own)
 

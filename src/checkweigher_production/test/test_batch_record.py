@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Records of batches: what is written is what is read, over restarts, torn lines and full disks."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 import hashlib
+import json
 import math
 from pathlib import Path
 import queue
@@ -12,7 +13,7 @@ import re
 from full_disk import file_size_limit
 import pytest
 
-from checkweigher_core.records import Decision, Verdict
+from checkweigher_core.records import Decision, Verdict, newer_fields
 from checkweigher_production.batch_record import (
     RecordError,
     RecordState,
@@ -151,6 +152,15 @@ def test_a_writer_that_is_closed_says_what_the_disk_did_not_take(tmp_path: Path)
         writer.close()
     assert 'File too large' in writer.trouble
     assert not record_path(tmp_path, 'L1').exists()
+
+
+def test_a_verdict_of_an_older_file_has_the_defaults_of_newer_fields(tmp_path: Path):
+    values = asdict(ACCEPT) | {'kind': 'verdict', 'decision': 'ACCEPT'}
+    older = {name: value for name, value in values.items() if name not in newer_fields(Verdict)}
+    path = tmp_path / 'L1.jsonl'
+    path.write_text(f'{{"kind":"begin","batch":"L1"}}\n{json.dumps(older)}\n', encoding='utf-8')
+    assert len(older) < len(values)
+    assert [event for _, event in read_events(path)][1:] == [ACCEPT]
 
 
 @pytest.mark.parametrize(

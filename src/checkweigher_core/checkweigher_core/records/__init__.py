@@ -19,6 +19,7 @@ from checkweigher_core.records.machine import (
     StreamState,
     StreamStatus,
 )
+from checkweigher_core.records.newer import newer_fields
 from checkweigher_core.records.production import (
     Alarm,
     Alarms,

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from checkweigher_core.records.newer import newer
 from checkweigher_core.records.quantities import MAX_MASS, MAX_SAMPLE_RATE, Stamp
 
 
@@ -137,7 +138,7 @@ class StreamStatus:
     edges: int = 0
     items: int = 0
     text: str = ''
-    last_edge: Stamp | None = None
+    last_edge: Stamp | None = newer(None)
 
 
 @dataclass(frozen=True, slots=True)

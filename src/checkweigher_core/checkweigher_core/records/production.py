@@ -7,6 +7,7 @@ from enum import IntEnum
 import math
 
 from checkweigher_core.records.equality import NanEqual
+from checkweigher_core.records.newer import newer
 from checkweigher_core.records.quantities import Stamp
 
 
@@ -116,8 +117,8 @@ class Statistics(NanEqual):
     below_tu2: int
     share_below_tu1: float
     throughput: float
-    tu1_quota: float = math.nan
-    mean_value: bool = False
+    tu1_quota: float = newer(math.nan)
+    mean_value: bool = newer(False)
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ from enum import IntEnum
 import math
 
 from checkweigher_core.records.equality import NanEqual
+from checkweigher_core.records.newer import newer
 from checkweigher_core.records.quantities import Stamp
 from checkweigher_core.records.reasons import StopReason
 
@@ -50,8 +51,8 @@ class Verdict(NanEqual):
     batch_accepted: int = 0
     batch_below_tu1: int = 0
     batch_surplus: float = 0.0
-    station: int = 0
-    station_at: Stamp | None = None
+    station: int = newer(0)
+    station_at: Stamp | None = newer(None)
 
     @property
     def time(self) -> int | None:

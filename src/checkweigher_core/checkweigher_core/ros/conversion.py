@@ -46,7 +46,6 @@ class _Form:
     # Function that corrects a record by means of its message.
     amend: Callable[[Any, Any], Any] | None = None
     lacks: tuple[str, ...] = ()  # last fields of the record, which the message does not have
-    newer: tuple[str, ...] = ()  # fields that messages in older bags do not have
 
 
 def _with_reason(message: Any, estimate: records.MassEstimate) -> records.MassEstimate:
@@ -72,17 +71,12 @@ _FORMS: dict[type, _Form] = {
     records.SampleBlock: _Form(frame='load_cell'),
     records.EyeEdge: _Form(frame=lambda edge: edge.eye.name.lower()),
     records.Item: _Form(frame='weigh_belt'),
-    records.StreamStatus: _Form(
-        unknown={'state': records.StreamState.FAILED}, newer=('last_edge',)
-    ),
+    records.StreamStatus: _Form(unknown={'state': records.StreamState.FAILED}),
     records.WeighWindow: _item(names={'t3': 't3', 'stamp': 'first_stamp'}),
     records.MassEstimate: _item(
         names={'t3': 't3'}, derived={'status': lambda each: int(each.weighed)}, amend=_with_reason
     ),
-    records.Verdict: _item(
-        unknown={'decision': records.Decision.FAULT}, newer=('station', 'station_at')
-    ),
-    records.Statistics: _Form(newer=('tu1_quota', 'mean_value')),
+    records.Verdict: _item(unknown={'decision': records.Decision.FAULT}),
     records.ZeroChange: _Form(frame='load_cell'),
     records.ExternalReject: _Form(frame=attrgetter('device')),
     records.MachineConditions: _Form(frame='machine'),
@@ -180,6 +174,7 @@ class _Plan:
 def _plan(kind: Any) -> _Plan:
     form = _FORMS.get(kind, _Form())
     plan = _Plan(form)
+    newer = records.newer_fields(kind)
     names = {form.stamp: 'header.stamp', **form.names}
     defaults = {each.name: each.default for each in fields(kind)}
     for name, hint in get_type_hints(kind, include_extras=True).items():
@@ -188,7 +183,7 @@ def _plan(kind: Any) -> _Plan:
         place = names.get(name, name)
         get: _Get = attrgetter(place)
         convert = _reader(hint, form.unknown.get(name))
-        if name in form.newer:
+        if name in newer:
             get, convert = _newer(place, convert, defaults[name])
         plan.read.append((get, convert))
         if place != 'header.stamp':
@@ -203,11 +198,6 @@ def _newer(name: str, convert: _Get, default: object) -> tuple[_Get, _Get]:
         lambda message: getattr(message, name, None),
         lambda value: default if value is None else convert(value),
     )
-
-
-def newer_fields(record: type) -> frozenset[str]:
-    """Return the names of the fields of a record that messages in older bags do not have."""
-    return frozenset(_FORMS.get(record, _Form()).newer)
 
 
 def _writer(hint: Any) -> Callable[[Any], Any]:

@@ -12,7 +12,7 @@ from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionF
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from checkweigher_core.records import NANOSECONDS
+from checkweigher_core.records import NANOSECONDS, newer_fields
 from checkweigher_core.ros import conversion
 from checkweigher_core.ros.ports import RECORDED, Port
 
@@ -147,7 +147,7 @@ def _lacks_only_newer_fields(stored: Typestore, port: Port) -> bool:
     assert port.record is not None
     there = list(stored.fielddefs[port.message_type][1])
     here = list(typestore([port]).fielddefs[port.message_type][1])
-    newer = conversion.newer_fields(port.record)
+    newer = newer_fields(port.record)
     return there != here and there == [
         field for field in here if field in there or field[0] not in newer
     ]

@@ -10,8 +10,7 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from checkweigher_core.records import Decision, Verdict
-from checkweigher_core.ros.conversion import newer_fields
+from checkweigher_core.records import Decision, Verdict, newer_fields
 from checkweigher_core.ros.ports import (
     LOAD_CELL_INFO,
     LOAD_CELL_SAMPLES,
@@ -131,7 +130,7 @@ def test_a_verdict_that_lacks_another_field_is_refused(tmp_path):
 
 @pytest.mark.parametrize('port', [port for port in RECORDED if port.record], ids=lambda p: p.name)
 def test_a_field_that_the_first_version_lacks_is_a_newer_one(port):
-    """A new field belongs to `newer` of its record in `conversion`, or older bags are refused."""
+    """A new field of a record has its default from `newer`, or older bags are refused."""
     fields = [name for name, _ in typestore([port]).fielddefs[port.message_type][1]]
     first = [name for name in fields if name not in newer_fields(port.record)]
     assert first == FIRST_FIELDS[port.message_type.rpartition('/')[2]].split()

@@ -1,0 +1,18 @@
+# Copyright 2026 Checkweigher maintainers
+# SPDX-License-Identifier: Apache-2.0
+"""Fields of records that messages in older bags and lines of older files do not have."""
+
+from dataclasses import field, fields
+from typing import TypeVar
+
+T = TypeVar('T')
+
+
+def newer(default: T) -> T:
+    """Return a field of a dataclass with its value in older messages and files."""
+    return field(default=default, metadata={'newer': True})
+
+
+def newer_fields(record: type) -> frozenset[str]:
+    """Return the names of the fields of a record that were made by `newer`."""
+    return frozenset(each.name for each in fields(record) if each.metadata.get('newer'))
