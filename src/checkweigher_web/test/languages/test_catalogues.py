@@ -46,7 +46,9 @@ def test_a_catalogue_has_each_text_of_the_page_and_no_other(name: str):
     with (FOLDER / f'{name}.po').open('rb') as file:
         catalogue = read_po(file, abort_invalid=True)
     known = {message.id: message.string for message in catalogue if message.id}
-    assert known.keys() == set(texts())
+    used = set(texts())
+    assert used - known.keys() == set(), f'add these to {name}.po'
+    assert known.keys() - used == set(), f'no longer used: remove these from {name}.po'
     for key, translated in known.items():
         forms = (translated,) if isinstance(key, str) else translated
         assert all(forms)
