@@ -98,7 +98,11 @@ def test_a_device_that_refuses_is_said_to(plc):
         (ModbusEyesParameters, {'outfeed': 0}, r'modbus\.outfeed: 0 is the address of both eyes'),
         (ModbusEyesParameters, {'outfeed': 64}, r'differ by at most 63'),
         (ModbusEyesParameters, {'poll_period': 0.05}, r'is more than max_uncertainty'),
-        (ModbusOutputParameters, {'stop': 0}, r'modbus_outputs\.stop: coil 0 is also used for the rejector'),
+        (
+            ModbusOutputParameters,
+            {'stop': 0},
+            r'modbus_outputs\.stop: coil 0 is also used for the rejector',
+        ),
     ],
 )
 def test_parameters_that_cannot_be_are_refused(kind, values, message):
