@@ -21,6 +21,13 @@ VALUES = {
     'dynamic_setting': {'estimator': 'tvlpf', 'budget': 4},
 }
 _TO_THE_MIDDLE = 'document.querySelector(arguments[0]).scrollIntoView({block: "center"})'
+# A press clears the result of the press before it, which is still shown until then.
+_WATCH_RESULT = (
+    'window.hasNewResult = false;'
+    'new MutationObserver((_, watch) => { window.hasNewResult = true; watch.disconnect(); })'
+    '.observe(document.querySelector(".foot .result"), {childList: true, characterData: true,'
+    ' subtree: true});'
+)
 
 
 class Trainee(Technician):
@@ -65,7 +72,9 @@ class Trainee(Technician):
         """
 
         def done() -> bool:
+            self.browser.execute_script(_WATCH_RESULT)
             self.make(button)
+            self.until(lambda: self.browser.execute_script('return window.hasNewResult'))
             self.until(lambda: self.text('.foot .result')[:1] in ('✓', '✗'))
             return word in self.text('.foot .result')
 
