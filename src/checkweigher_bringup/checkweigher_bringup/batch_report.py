@@ -95,7 +95,7 @@ def write_report(
 
 
 def batch_lines(batch: Batch, parts: Sequence[PartFigures]) -> Iterator[str]:
-    """Yield the report as lines of text: the faults and signatures, then each product.
+    """Yield the report as lines of text: the state of the record, then each product.
 
     `parts` contains the statistics of each product, because a batch may have several products.
     """

@@ -287,8 +287,9 @@ class SourceStream:
         patience: float = math.inf,
         ask: Callable[[float], None] | None = None,
     ) -> bool:
-        """Wait until a condition holds, for at most `patience` s; return False if the stream ends.
+        """Wait until a condition holds, for at most `patience` s.
 
+        Returns False if the stream ends, otherwise True, also if the condition does not hold yet.
         `what` is the name of the condition. Unless it is empty, a warning with this name is logged
         every 5 s. After each failed check, `ask` is called with the waiting time in s so far.
         """

@@ -39,9 +39,11 @@ class PackState(IntEnum):
 
 @dataclass
 class LaneState:
-    """Latest records of a lane, which are None until received.
+    """Latest records and diagnostics of a lane.
 
-    `zero` is the zero of the belt relative to the calibration, in kg.
+    A record is None until it is received; `alarms` is then empty, and `zero` is NaN. `stop` is also
+    None while no stop is requested. `zero` is the zero of the belt relative to the calibration, in
+    kg.
     """
 
     name: str

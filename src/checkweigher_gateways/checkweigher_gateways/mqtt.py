@@ -39,7 +39,8 @@ _WINDOW = 100  # largest number of items that the broker has not confirmed
 _FAREWELL = 1.0  # longest wait in s for the last message of a session
 _MARK_PATIENCE = 1.0  # longest wait in s for the retained message `delivered`
 _MILLISECOND = NANOSECONDS // 1000
-_NOTHING = Verdict(0, None, Decision.FAULT)  # verdict of a lane without an item
+# Verdict in the birth message of a lane from which no verdict has been received yet.
+_NOTHING = Verdict(0, None, Decision.FAULT)
 _COMMANDS = 'Command/Product', 'Command/Batch', 'Command/Zero'
 
 

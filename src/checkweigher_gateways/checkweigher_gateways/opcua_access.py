@@ -27,9 +27,9 @@ class Caller(User):
     rank: Role = Role.VIEWER
 
 
-# User whose request the running task processes.
+# User who sent the request that the current asyncio task handles.
 CALLER: ContextVar[Caller | None] = ContextVar('caller', default=None)
-# User whose password the running task has checked.
+# User whose password the current asyncio task has checked.
 _CHECKED: ContextVar[Caller | None] = ContextVar('checked', default=None)
 
 _CREATE, _ACTIVATE = (

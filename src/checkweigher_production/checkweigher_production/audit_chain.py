@@ -91,9 +91,10 @@ def logs_in(folder: Path) -> list[Path]:
 
 
 def name_predecessor(log: AuditLog, time: str, source: str) -> None:
-    """Name the previous log of the node `source` in a new log.
+    """Write the first entry of a new log, which names the previous log of the node `source`.
 
-    A log that contains entries is left unchanged.
+    If there is no previous log, the entry names none. A log that contains entries is left
+    unchanged.
 
     Raises `AuditError` if the entry cannot be written.
     """

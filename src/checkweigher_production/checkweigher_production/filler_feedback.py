@@ -3,9 +3,9 @@
 """Integral controller of the set point of a filler, with a dead band.
 
 The median mass of a subgroup of items is compared with the target. If the difference exceeds the
-dead band, the set point is changed by a fraction of the difference. Items that were filled before
-the change have not reached the scale yet. The next `delay` items are therefore ignored; otherwise
-the same difference would be corrected twice.
+dead band, the set point is changed by a fraction of the difference. Some items that were filled
+before the change have not reached the scale yet. The next `delay` items are therefore ignored;
+otherwise the same difference would be corrected twice.
 """
 
 from dataclasses import dataclass

@@ -84,7 +84,7 @@ def line_feed(namespace: str) -> Iterator[SampleFeed]:
 
 @contextmanager
 def source_feed(name: str, source: Source) -> Iterator[SampleFeed]:
-    """Yield a feed with the samples of a source, and close the source at the end of the block."""
+    """Yield a feed with the samples of a source, and close the source when the context ends."""
     feed = SampleFeed(f'source {name}')
     feed.put(source.load_cell)
     ending = threading.Event()

@@ -41,7 +41,8 @@ class _Form:
     # Enumeration members that replace unknown values, by the name of the field. Without such a
     # member, a message with an unknown value is refused.
     unknown: Mapping[str, object] = field(default_factory=dict)
-    # Values of the fields of a message that stands for None, and is converted to None.
+    # Values, by field, of the message that is sent in place of the record None. A message with all
+    # of these values is converted to None. Without values, no message is converted to None.
     absent: Mapping[str, object] = field(default_factory=dict)
     # Function that corrects a record by means of its message.
     amend: Callable[[Any, Any], Any] | None = None

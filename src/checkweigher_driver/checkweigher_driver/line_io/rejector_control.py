@@ -136,7 +136,11 @@ class RejectorControl:
         }
 
     def make_safe(self) -> None:
-        """Enter the safe state. A person has to look for the items on the belt, if any."""
+        """Enter the safe state.
+
+        Items on the belt are reported as missed, which stops the line until a person has looked for
+        them.
+        """
         if self._items:
             self._report_doubt('the outputs were made safe', self._items.names())
         self.active = False

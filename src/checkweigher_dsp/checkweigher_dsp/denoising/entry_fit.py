@@ -11,9 +11,10 @@ fitted to the signal: [own derivation]
    + M \delta_2 \frac{\partial r}{\partial t_2} + n,\quad \delta_i \sim N(0, u^2 / 3)
 
 y is the signal, r the response of the platform to a load of 1, M the approximate load, m the
-unknown error of M, and n the disturbance. The delays of t1 and t2 relative to the photo-eyes are
-delta_1 and delta_2. An edge whose error is uniformly distributed within +-u has the variance
-u^2 / 3. All signals of the fit are block means. A prediction-error filter makes n white.
+unknown error of M, and n the disturbance. delta_1 and delta_2 are the true values of t1 and t2
+minus the values measured by the photo-eyes. An edge whose error is uniformly distributed within
++-u has the variance u^2 / 3. All signals of the fit are block means. A prediction-error filter
+makes n white.
 """
 
 import math
@@ -81,7 +82,7 @@ class EntryFit:
         return batch.time - t1, batch.rise_time + t2 - t1
 
     def shift(self, taps: Array | None) -> Array:
-        """Return the delays of t1 and t2 relative to the photo-eyes in s, (windows, 2).
+        """Return the true t1 and t2 minus the values of the photo-eyes, in s, (windows, 2).
 
         `taps`, (windows, p + 1), are prediction-error filters for the block means of the
         disturbance. If `taps` is None or p is 0, filters for a platform under white-noise forces

@@ -26,7 +26,9 @@ _WARM_UP = 1800.0  # warm-up time of a load cell in s
 _STEP = 5.0  # change of the zero that is not a drift, in standard deviations
 _NEAR_LIMIT = 0.75  # fraction of zero_range above which a warning is given
 _UPDATE_PATIENCE = 120.0  # longest time in s in which products pass but the zero is not updated
-_SPECTRUM = 1024  # number of samples of a spectrum
+# Length of the FFT in samples. A shorter segment is zero-padded, and of a longer segment, only the
+# end is used.
+_FFT_LENGTH = 1024
 _FEWEST_SAMPLES = 64  # minimum number of samples of a segment
 _LOWEST_FREQUENCY = 2.0  # lowest frequency of vibration in Hz; a drift is slower
 _RECENT_SEGMENTS = 5  # number of recent segments
@@ -159,28 +161,28 @@ class BeltNoiseWatch:
         self._limit = limit
         self._recent = RecentValues(10 * MINUTE, _RECENT_SEGMENTS)
         self._usual = RecentValues(_HOUR, _USUAL_SEGMENTS)
-        self._power = np.zeros(_SPECTRUM // 2 + 1)
+        self._power = np.zeros(_FFT_LENGTH // 2 + 1)
         self._memory = 1.0 - 1.0 / _RECENT_SEGMENTS
 
     def add(self, now: float, force: Array) -> None:
         """Add a segment of the empty belt, (n,) in kg. A short segment is ignored."""
         if len(force) < _FEWEST_SAMPLES:
             return
-        force = force[-_SPECTRUM:]
+        force = force[-_FFT_LENGTH:]
         force = force - force.mean()
         noise = float(force.std())
         self._recent.add(now, noise)
         self._usual.add(now, noise)
-        power = np.abs(np.fft.rfft(force * np.hanning(len(force)), _SPECTRUM)) ** 2
+        power = np.abs(np.fft.rfft(force * np.hanning(len(force)), _FFT_LENGTH)) ** 2
         self._power = self._memory * self._power + power / len(force)
 
     @property
     def frequency(self) -> float:
         """Frequency of the strongest spectral line in Hz, or NaN without noise."""
-        lowest = math.ceil(_LOWEST_FREQUENCY * _SPECTRUM / self._rate)
+        lowest = math.ceil(_LOWEST_FREQUENCY * _FFT_LENGTH / self._rate)
         if not self._power[lowest:].any():
             return math.nan
-        return (lowest + int(np.argmax(self._power[lowest:]))) * self._rate / _SPECTRUM
+        return (lowest + int(np.argmax(self._power[lowest:]))) * self._rate / _FFT_LENGTH
 
     def finding(self, now: float) -> Finding:
         """Return the finding on the aspect Belt noise."""

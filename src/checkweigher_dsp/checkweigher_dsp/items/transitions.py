@@ -149,7 +149,7 @@ def _longest_departure(belt: Belt, item: TrackedItem, stamp: int) -> int:
     return span
 
 
-# Cases of an edge that blocks the infeed eye
+# Cases of an edge at which the infeed eye becomes blocked
 
 
 def _reopen_entry(belt: Belt, switch: Switch) -> TrackedItem | None:
@@ -178,7 +178,7 @@ def _enter(belt: Belt, switch: Switch) -> TrackedItem:
     return item
 
 
-# Cases of an edge that clears the infeed eye
+# Cases of an edge at which the infeed eye becomes clear
 
 
 def _end_entry(belt: Belt, switch: Switch) -> TrackedItem | None:

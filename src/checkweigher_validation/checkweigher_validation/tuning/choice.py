@@ -53,8 +53,8 @@ def choose(tuned: Mapping[str, Tuned]) -> tuple[str, str]:
     standard error is computed by a jackknife over blocks of passes. With few passes, it is so large
     that the best estimator is chosen. Disturbances cancel in the difference, because both
     estimators weigh the same passes. The parameters without training, if `tuned` contains them,
-    count as the simplest estimator. They are also chosen if the ln A of the best estimator is
-    smaller by at most one standard error. [own derivation]
+    count as the simplest estimator. These parameters are also chosen if their ln A exceeds
+    that of the best estimator by at most one standard error of the difference. [own derivation]
 
     Raises `ValueError` if `tuned` is empty.
     """

@@ -35,10 +35,13 @@ def run(arguments: argparse.Namespace) -> int:
 
     path = arguments.users or accounts.default_users()
     action, name = arguments.action, arguments.name
-    if (name is None) != (action == 'list'):
-        raise UserError(f'{action}: list must have no NAME, and the other actions need one')
-    if (arguments.role is None) != (action != 'add'):
-        raise UserError(f'{action}: add needs a --role, and the other actions must have none')
+    for option, value, is_needed in (
+        ('NAME', name, action != 'list'),
+        ('--role', arguments.role, action == 'add'),
+    ):
+        if (value is not None) != is_needed:
+            advice = 'is missing: add it' if is_needed else 'is not used here: leave it out'
+            raise UserError(f'{action}: {option} {advice}')
     if action == 'list':
         for user in accounts.read_users(path).values():
             print(f'{user.name}  {user.role.name.lower()}')

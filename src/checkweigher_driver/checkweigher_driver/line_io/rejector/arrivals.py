@@ -21,7 +21,7 @@ _FURTHEST = 600 * NANOSECONDS
 # If a verdict has one of these reasons, the belt may have been stopped during the passage of the
 # item, so its speed is unreliable.
 _SPEED_IN_DOUBT = {Reason.BELT_STOPPED.value, Reason.BELT_SPEED_CHANGED.value}
-_CLOCK_STEP = 5_000_000  # smallest step of the real-time clock that is detected, in ns
+_CLOCK_STEP = 5_000_000  # smallest detected step of the real-time clock, in ns
 
 
 class Times(NamedTuple):

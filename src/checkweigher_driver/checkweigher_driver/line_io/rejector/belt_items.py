@@ -99,7 +99,7 @@ class BeltItems(list[BeltItem]):
         ]
 
     def names(self) -> tuple[str, ...]:
-        """Return the names of the items, for a message to the person who has to look for them."""
+        """Return the names of at most ten items, then the number of further items as "N more"."""
         names = tuple(str(each) for each in self[:_MAX_NAMES])
         more = len(self) - _MAX_NAMES
         return (*names, f'{more} more') if more > 0 else names
