@@ -16,7 +16,7 @@ from checkweigher_validation.archive.program import other_program, program
 from checkweigher_validation.jobs import ClusterLostError, Job, Workers, jobs_done_by
 
 LOCAL = 'local'
-_ANSWER = 10.0  # longest time to wait for an answer of the scheduler in s
+_ANSWER = 10.0  # longest time to wait for an answer from the scheduler in s
 _PATIENCE = 60.0  # longest time without any worker in s
 _UNREACHABLE = 'its scheduler has ended, or cannot be reached any more'
 
@@ -28,8 +28,8 @@ class SchedulerError(ValueError):
 class _Cluster(Workers):
     """Workers of a cluster at the given addresses, or all workers if `addresses` is None."""
 
-    # More than the number of workers, so that no worker waits for a job, and few enough for the
-    # memory of the scheduler.
+    # This number exceeds the number of workers, so that no worker waits for a job. It is limited
+    # because the scheduler keeps the submitted jobs in memory.
     ahead = 5000
 
     def __init__(self, client: Any, addresses: Sequence[str] | None) -> None:
@@ -39,7 +39,8 @@ class _Cluster(Workers):
         self._client = client
         self._addresses = addresses
         self._executor: Executor = client.get_executor(pure=False, workers=addresses)
-        self._gone: float | None = None  # time in s since which no worker was found, or None
+        # Time in s at which a check first found no worker. None if the last check found a worker.
+        self._gone: float | None = None
 
     def submit(self, job: Job, alone: bool) -> Future[Any]:
         return self._executor.submit(job)
@@ -73,12 +74,14 @@ class _Cluster(Workers):
 
 @contextmanager
 def on_scheduler(address: str) -> Iterator[list[str]]:
-    """Run the jobs of this block (see `checkweigher_validation.jobs`) on a scheduler.
+    """In this context, run jobs (see `checkweigher_validation.jobs`) on the workers of a cluster.
 
     `address` is 'local' for processes of this machine, or the address of a Dask scheduler, for
-    example 'tcp://HOST:8786'. Workers that run another program than this process are not used.
+    example 'tcp://HOST:8786'. Workers that run another program than this process, or that cannot
+    report their program, are not used.
 
-    Yields a list with a line for each worker that is not used.
+    Yields a list with a line for each worker that is not used. The list is empty if all workers are
+    used, or if `address` is 'local'.
 
     Raises `SchedulerError` if dask.distributed is not installed, the scheduler does not answer, or
     no worker can be used.

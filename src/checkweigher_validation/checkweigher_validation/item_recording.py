@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Extraction of one item from a long recording into a short one, without changing its result."""
+"""Extraction of one item of a recording into a shorter recording that gives the same result."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -13,8 +13,9 @@ from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, MassEstimate, V
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_validation.accuracy.results import ItemResult, weigh
 
-# Largest difference between the masses in the short and in the long recording, in standard
-# deviations. The masses differ because the zero depends on all earlier samples.
+# Largest difference between the masses of the item in the short and in the long recording, in
+# standard deviations of the mass. The masses differ because the zero depends on all earlier
+# samples.
 _SAME_MASS = 0.1
 _FEWEST = 2  # smallest number of preceding items, from which belt speed and zero are computed.
 # Duration in ns of the signal that is kept after the item, per preceding item.
@@ -28,14 +29,14 @@ class KeepError(ValueError):
 def keep_item(
     recording: Recording, parameters: LineParameters, estimate: MassEstimate, verdict: Verdict
 ) -> tuple[Recording, ItemResult]:
-    """Return a short recording of an item and of some preceding items, and the result of the item.
+    """Return a short recording of an item and some preceding items, and the item's result in it.
 
     The result depends on preceding items, because zero, belt speed and lag of the photo-eyes are
     computed from them. The number of preceding items is therefore doubled until the item has the
     same t1, t2, t3, decision and reasons, and a mass that differs by at most a tenth of its
     standard deviation.
     In the short recording, the numbers of the items begin with 1. `estimate` and `verdict` are the
-    result of the item with `parameters`.
+    result of the item with `parameters`. At least one of t1, t2 and t3 must be known.
 
     Raises `KeepError` if the item has another result even in the whole recording.
     """
@@ -58,7 +59,11 @@ def keep_item(
 
 
 def cut(recording: Recording, begin: int, end: int) -> Recording:
-    """Return the part of a recording from `begin` to `end`, in ns. Blocks are not divided."""
+    """Return the part of a recording from `begin` to `end`, in ns.
+
+    The part has at least one sample block. The blocks are not divided, so the signal may begin
+    before `begin` and end after `end`.
+    """
     blocks = BlockColumns.of(recording.blocks)
     first = max(int(np.searchsorted(blocks.stamps, begin, 'right')) - 1, 0)
     last = max(int(np.searchsorted(blocks.stamps, end, 'right')), first + 1)
@@ -71,7 +76,10 @@ def cut(recording: Recording, begin: int, end: int) -> Recording:
 
 
 def _empty_moments(edges: Sequence[EyeEdge], until: int) -> list[int]:
-    """Return the times in ns midway between the exit of an item and the entry of the next item."""
+    """Return the times in ns midway between the exit of an item and the entry of the next item.
+
+    Edges after `until` in ns are ignored.
+    """
     return [
         (before.stamp + edge.stamp) // 2
         for before, edge in pairwise([edge for edge in edges if edge.stamp <= until])

@@ -17,32 +17,45 @@ from checkweigher_recording.progress import with_progress
 
 Job = Callable[[], Any]
 
-# Each worker has one thread. There is a worker for each core, so more threads in a worker would
-# slow down the other workers.
+# Environment variables that limit the numerical libraries of a worker process to one thread. By
+# default there is a worker for each core, so more threads would slow down the other workers.
 ONE_THREAD = {'OMP_NUM_THREADS': '1', 'OPENBLAS_NUM_THREADS': '1', 'MKL_NUM_THREADS': '1'}
 _LOOK = 5.0  # longest time between two checks of the workers in s
 
 
 class WorkerLostError(ValueError):
-    """Raised if a worker was killed during a job, and again when the job was repeated alone."""
+    """Error of a job whose worker was killed twice, the second time while no other job was running.
+
+    `run_jobs` raises the error, and `jobs_as_done` yields it as the result of the job.
+    """
 
 
 class ClusterLostError(ValueError):
-    """Raised if a cluster has ended, has no workers, or cannot be reached."""
+    """Raised if a cluster in use has ended, has no workers any more, or cannot be reached."""
 
 
 class Workers(AbstractContextManager['Workers']):
-    """Context manager of processes that run jobs. An exception in the block cancels all jobs."""
+    """Context manager of worker processes that run jobs.
+
+    If an exception leaves the context, all jobs that have not ended are cancelled.
+    """
 
     ahead: int  # largest number of submitted jobs that are not done yet
-    lost: type[Exception]  # exception of a job whose worker was killed, perhaps by another job
+    # Exception that the future of a job raises if its worker was killed, perhaps by another job.
+    lost: type[Exception]
 
     @abstractmethod
     def submit(self, job: Job, alone: bool) -> Future[Any]:
-        """Submit a job. If `alone` is True, no other job is running."""
+        """Submit a job, and return its future.
+
+        The caller sets `alone` to True only if no other job is running.
+        """
 
     def check(self) -> None:
-        """Raise `ClusterLostError` if no worker can run jobs any more."""
+        """Raise `ClusterLostError` if the workers belong to a cluster that was lost.
+
+        By default, this method does nothing.
+        """
 
 
 class _Processes(Workers):
@@ -60,7 +73,8 @@ class _Processes(Workers):
 
         with _mute():
             while True:
-                # If a process was killed, try again, because the executor is then a new one.
+                # If a process of the executor was killed, `submit` raises `BrokenExecutor`. In this
+                # case, try again, because `get_reusable_executor` then returns a new executor.
                 self._executor = get_reusable_executor(
                     1 if alone else self._count,
                     timeout=None,
@@ -106,7 +120,10 @@ _ELSEWHERE: ContextVar[Callable[[], Workers] | None] = ContextVar('elsewhere', d
 
 @contextmanager
 def jobs_done_by(workers: Callable[[], Workers]) -> Iterator[None]:
-    """Run the jobs of this block on the given workers instead of processes on this machine."""
+    """In this context, run jobs on other workers instead of processes on this machine.
+
+    `workers` is called for each set of jobs, and returns the workers for it.
+    """
     token = _ELSEWHERE.set(workers)
     try:
         yield
@@ -124,8 +141,10 @@ def run_jobs(
 
     A job is a function without parameters (see `functools.partial`). Jobs and results must be
     picklable. `n_jobs` is the number of processes on this machine, by default one for each core. If
-    it is 1, this process runs the jobs. On a terminal, a progress bar with the label `doing` is
-    shown. `sizes` are proportional to the expected times of the jobs, which are equal by default.
+    it is 1, or if there is only one job, this process runs the jobs. In the context of
+    `jobs_done_by`, `n_jobs` is ignored. On a terminal, a progress bar with the label `doing` is
+    shown. For this bar, `sizes` are proportional to the expected times of the jobs, which are equal
+    by default. An exception of a job is raised again, and the remaining jobs are cancelled.
 
     Raises `WorkerLostError` if the worker of a job was killed, and again when the job was repeated
     alone, and `ClusterLostError` if the jobs ran on a cluster that was lost.
@@ -150,7 +169,8 @@ def jobs_as_done(
     If a worker is killed, the jobs that may have killed it are run again one at a time. On this
     machine, these are all jobs that were submitted at that time. On a cluster, these are the jobs
     that Dask has given up. If the worker of a job is killed again, the result of the job is a
-    `WorkerLostError`. The parameters are as in `run_jobs`.
+    `WorkerLostError`. Any other exception of a job is raised again, and the remaining jobs are
+    cancelled. The parameters are as in `run_jobs`.
 
     Raises `ClusterLostError` if the jobs ran on a cluster that was lost.
     """
@@ -175,7 +195,10 @@ def jobs_as_done(
 def _results(
     workers: Workers, jobs: Mapping[int, Job], at_once: int
 ) -> Generator[tuple[int, Any], None, None]:
-    """Run jobs, and yield their numbers and results. A result may be a `WorkerLostError`."""
+    """Run jobs, and yield the number and the result of each job when it is done.
+
+    At most `at_once` jobs are submitted at a time. A result may be a `WorkerLostError`.
+    """
     left = iter(jobs.items())
     running: dict[Future[Any], int] = {}
     while True:
