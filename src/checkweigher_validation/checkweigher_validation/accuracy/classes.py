@@ -6,7 +6,8 @@ Category X contains checkweighers for prepackages. The classes XI, XII, XIII and
 mean error in units of the verification scale interval e, and the class factor x scales the limit of
 the standard deviation. Category Y contains all other catchweighers. The classes Y(I), Y(II), Y(a)
 and Y(b) limit the error of each weighing. Table 2 of the paper (Long et al.) lists the limits of
-XIII(1) with e = 0.1 g at initial verification. GB/T 27739 writes XIV for XIIII.
+XIII(1) with e = 0.1 g at initial verification. GB/T 27739 writes XIV for XIIII. Min and Max are the
+smallest and the largest load that a machine may weigh.
 
 The classes, class factors (4.2), values of e, and errors of both categories at initial verification
 are from Directive 2014/32/EU (MID), Annex VIII, Chapter II, and UK SI 2016/1153, Schedule 1G.
@@ -52,7 +53,7 @@ _ERRORS = {
     ('Y', True): (1.5, 2.5, 3.5),
 }
 
-# Each row has the smallest e and the largest e in kg, and the smallest and largest Max in e.
+# Each row has the smallest and the largest e in kg, and the smallest and the largest Max in e.
 _INTERVALS = {
     'XI': ((1e-6, math.inf, 50_000, math.inf),),
     'XII': ((1e-6, 0.05e-3, 100, 100_000), (0.1e-3, math.inf, 5_000, 100_000)),
@@ -166,7 +167,10 @@ class AccuracyClass:
 
 
 def _class_name(name: str) -> str:
-    """Return the name of a class in R 51. Raises `ValueError` if the class is unknown."""
+    """Return the name of a class in R 51, which is XIIII for XIV.
+
+    Raises `ValueError` if the class is unknown.
+    """
     name = 'XIIII' if name == 'XIV' else name
     if name not in CLASSES:
         raise ValueError(f'class {name!r} is not one of {", ".join(CLASSES)}')
@@ -176,8 +180,8 @@ def _class_name(name: str) -> str:
 def smallest_interval(name: str, maximum: float) -> float:
     """Return the smallest verification scale interval e in kg that a class allows for a Max in kg.
 
-    The interval is 1, 2 or 5 times 10^k kg. Raises `ValueError` if the class is unknown, or if it
-    allows no e for this Max.
+    The interval is 1, 2 or 5 times 10^k kg. Raises `ValueError` if the class is unknown, if Max is
+    not positive, or if the class allows no e for this Max.
 
     References
     ----------
@@ -200,7 +204,10 @@ def smallest_interval(name: str, maximum: float) -> float:
 
 
 def _interval_counts(name: str, interval: float) -> tuple[float, float]:
-    """Return the smallest and the largest Max in e, or (inf, -inf) if `interval` is not allowed."""
+    """Return the smallest and the largest Max in e that a class allows with e = `interval` in kg.
+
+    Returns (inf, -inf) if the class does not allow this e.
+    """
     for low, high, fewest, most in _INTERVALS[_LIKE.get(name, name)]:
         if low <= interval * _ON_BOUND and interval <= high * _ON_BOUND:
             return fewest, most
@@ -287,14 +294,15 @@ class Judgement:
 
     max_error: float  # limit in kg as in `AccuracyClass.max_error`
     max_std_dev: float  # limit in kg as in `AccuracyClass.max_std_dev`
-    error_passed: bool  # False if the error or its limit is NaN
-    std_dev_passed: bool  # always True in category Y, which has no such limit
+    error_passed: bool  # whether the error is at most `max_error`; False if one of them is NaN
+    # Whether the standard deviation is at most `max_std_dev`. Always True in category Y.
+    std_dev_passed: bool
     weighings: int
     weighings_required: int
 
     @property
     def enough_weighings(self) -> bool:
-        """Whether there are enough weighings."""
+        """Whether there are at least as many weighings as a verification requires."""
         return self.weighings >= self.weighings_required
 
     @property
@@ -304,7 +312,11 @@ class Judgement:
 
 
 def judge(condition: ConditionResult, accuracy_class: AccuracyClass) -> Judgement:
-    """Compare the errors at a condition with the limits of a class."""
+    """Compare the errors at a condition with the limits of a class.
+
+    In category X, the mean error and the standard deviation are compared. In category Y, the error
+    with the largest magnitude is compared.
+    """
     limit = accuracy_class.max_error(condition.mass)
     std_dev_limit = accuracy_class.max_std_dev(condition.mass)
     error = abs(condition.mean_error)

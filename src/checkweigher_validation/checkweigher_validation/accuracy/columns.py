@@ -32,9 +32,9 @@ class Column:
 
     name: str
     kind: ColumnType
-    unit: str  # '1' for a number without unit, empty for other types
+    unit: str  # '1' for a number without a unit, empty for texts
     value_of: Callable[[ItemResult], Any]
-    digits: int = 6  # number of decimal places in the CSV file
+    digits: int = 6  # number of decimal places of a NUMBER in the CSV file
 
     def value(self, item: ItemResult) -> Any:
         """Return the value for an item, or None if it is unknown. A time is in ns."""

@@ -28,7 +28,7 @@ class ConditionResult:
     estimator: str
     speed: float  # nominal belt speed in m/s
     mass: float  # true mass in kg
-    part: str  # 'train' if the estimator was tuned on these passes, otherwise 'test'
+    part: str  # 'train' for the passes on which estimators were tuned, otherwise 'test'
     errors: NDArray[np.float64]  # mass minus true mass of each weighed pass, (n,) in kg
     std_devs: NDArray[np.float64]  # stated standard deviations, (n,) in kg; NaN if not stated
     faults: int = 0  # number of passes without a mass
@@ -51,12 +51,12 @@ class ConditionResult:
 
     @property
     def index(self) -> float:
-        """Overall index ``A = |mu| + 3 sigma`` in kg."""
+        """Overall index ``A = |mu| + 3 sigma`` in kg, or NaN for fewer than two weighed passes."""
         return overall_index(self.mean_error, self.std_dev)
 
     @property
     def ratio(self) -> float:
-        """Ratio of sigma to its Gauss-Markov bound, or NaN if the bound is unknown."""
+        """Ratio of sigma to its Gauss-Markov bound, or NaN if sigma or the bound is unknown."""
         return self.std_dev / self.bound if self.bound else math.nan
 
 
@@ -64,14 +64,15 @@ class ConditionResult:
 class MeanErrors:
     """Means over conditions, all of which have the same weight.
 
-    A mean is NaN if the value of one condition is NaN. Otherwise an estimator that cannot weigh at
-    a difficult condition would appear better.
+    A mean is NaN if the value of any condition is NaN, or if there are no conditions. If NaN were
+    ignored, an estimator that cannot weigh at a difficult condition would appear better than one
+    that can.
     """
 
     mean_error: float  # mean of the magnitudes of mu in kg
-    std_dev: float  # kg
-    index: float  # kg
-    bound: float  # kg
+    std_dev: float  # mean of sigma in kg
+    index: float  # mean of A in kg
+    bound: float  # mean of the Gauss-Markov bound of sigma in kg
     ratio: float  # mean of the ratios of sigma to its bound
     count: int  # total number of weighed passes
     faults: int  # total number of passes without a mass
@@ -118,7 +119,10 @@ class Evaluation:
         mass: float | None = None,
         part: str | None = None,
     ) -> tuple[ConditionResult, ...]:
-        """Return the conditions with the given values. Speed is in m/s, and mass is in kg."""
+        """Return the conditions with the given values. Speed is in m/s, and mass is in kg.
+
+        A value of None selects all.
+        """
         return tuple(
             one
             for one in self.conditions
@@ -153,12 +157,12 @@ def average(conditions: Iterable[ConditionResult]) -> MeanErrors:
 
 
 def coverage(conditions: Iterable[ConditionResult], level: float) -> float:
-    """Return the fraction of passes whose error is within the confidence interval.
+    """Return the fraction of weighed passes whose error is within its confidence interval.
 
-    The interval is computed from the stated standard deviation for a normal distribution. `level`
-    is the confidence level, between 0 and 1. The fraction is close to `level` if the stated
-    standard deviations are right and there is no bias. The fraction is NaN if no pass has a stated
-    standard deviation.
+    The interval of a pass is computed from its stated standard deviation for a normal distribution.
+    `level` is the confidence level, between 0 and 1. The fraction is close to `level` if the stated
+    standard deviations are right and there is no bias. Passes without a stated standard deviation
+    are ignored. The fraction is NaN if no pass has one.
     """
     factor = NormalDist().inv_cdf((1 + level) / 2)
     within = [

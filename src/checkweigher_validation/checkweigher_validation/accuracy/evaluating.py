@@ -26,11 +26,12 @@ class PassSet:
     speed: float  # m/s
     part: str  # 'train' or 'test'
     passes: tuple[KnownPass, ...]
-    bounds: Mapping[float, float] = field(default_factory=dict)  # Gauss-Markov bounds by mass in kg
+    # Gauss-Markov bounds of sigma in kg by mass in kg. Unknown bounds are absent.
+    bounds: Mapping[float, float] = field(default_factory=dict)
 
 
 def weigh_passes(passes: Iterable[KnownPass], parameters: LineParameters) -> list[MassEstimate]:
-    """Return the estimate for each pass after denoising."""
+    """Denoise and weigh each pass with the selected estimator, and return the estimates."""
     windows = [each.window for each in passes]
     return estimate_masses(windows, Denoiser(parameters.denoise), Identifier(parameters.identifier))
 

@@ -39,7 +39,7 @@ class Example:
     t1: float  # time at which the product begins to enter the belt
     t2: float  # time at which the product is completely on the belt
     t3: float  # time at which the product begins to leave the belt
-    t4: float  # time at which the product has left the belt
+    t4: float  # time at which the product has left the belt, computed for a constant belt speed
     signal: NDArray[np.float64]  # signal minus the zero, (n,)
     ideal: NDArray[np.float64]  # signal without noise, (n,), or empty if the platform is unknown.
     # Name and signal from t2 to t3 for each method of thresholding: hard, soft, shrinkage.
@@ -73,7 +73,7 @@ def simulated_examples(
 def example_of(
     shown: KnownPass, speed: float, denoise: DenoiseParameters, platform: Platform | None = None
 ) -> Example:
-    """Return the signals of a pass without faults. `speed` is the nominal speed in m/s.
+    """Return the signals of a pass, which must have no faults. `speed` is the nominal speed in m/s.
 
     The signal without noise is computed only if the platform of the machine is given.
     """

@@ -24,8 +24,8 @@ from checkweigher_validation.accuracy.tables import (
     json_conditions,
 )
 
-# Names in the results of a machine that stand beside the names of estimators: the attainable
-# accuracy, and the estimator that the command `tune` chooses.
+# Values of the field `estimator` in the results of a machine that are not names of estimators: for
+# the attainable accuracy, and for the estimator that the command `tune` chooses.
 ATTAINABLE, CHOSEN = 'attainable', 'chosen'
 
 
@@ -71,7 +71,7 @@ def family_tables(machines: Sequence[MachineResult]) -> tuple[FamilyTable, Famil
 def ratios(
     machines: Sequence[Evaluation], estimator: str, speed: float | None = None, part: str = 'test'
 ) -> list[float]:
-    """Return the ratio of A to the attainable A for each machine.
+    """Return the ratio of A of an estimator to the attainable A for each machine.
 
     If `speed` is None, there is a ratio for each machine and each speed.
     """
@@ -110,7 +110,7 @@ def _family_row(
 
 
 def _conditions(machines: Sequence[Evaluation], **chosen: Any) -> list[ConditionResult]:
-    """Return the conditions of all machines that `Evaluation.select` returns."""
+    """Return the conditions that `Evaluation.select` returns for each machine, in one list."""
     return [one for machine in machines for one in machine.select(**chosen)]
 
 

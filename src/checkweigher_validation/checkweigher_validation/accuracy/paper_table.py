@@ -71,7 +71,11 @@ def has_paper_conditions(evaluation: Evaluation) -> bool:
 
 
 def comparable_index(evaluation: Evaluation, estimator: str, speed: float | None = None) -> float:
-    """Return `paper_index`, or NaN if an evaluation has other masses or other averaged speeds."""
+    """Return `paper_index`, or NaN if the averages of an evaluation are over other conditions.
+
+    The evaluation must have the masses of the paper. If `speed` is None, it must also have the
+    speeds of the paper.
+    """
     has_conditions = has_paper_conditions if speed is None else has_paper_masses
     return paper_index(estimator, speed) if has_conditions(evaluation) else math.nan
 

@@ -15,7 +15,8 @@ from checkweigher_core.records import NANOSECONDS, LoadCell, Reference, WeighWin
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
 
-SAME_ITEM = NANOSECONDS // 100  # largest difference between a reference and t1 of its item in ns
+# Largest difference in ns between the time of a reference and t1 of its item.
+SAME_ITEM = NANOSECONDS // 100
 _SAME_SPEED = 0.05  # largest relative difference between the belt speeds in a group
 
 
@@ -78,9 +79,10 @@ class SpeedGroup:
 def known_passes(
     load_cell: LoadCell, events: Iterable[Event], parameters: SegmenterParameters
 ) -> list[KnownPass]:
-    """Return the passes of known mass in order of entry.
+    """Return the passes of known mass in order of entry, including passes with faults.
 
-    `events` are the sample blocks, edges and references of a recording or simulation.
+    `events` are the sample blocks, edges and references of a recording or simulation. Passes whose
+    reference is missing, not positive or not finite are left out.
     """
     (passes,) = passes_by_cut(load_cell, events, [parameters])
     return passes
@@ -113,7 +115,10 @@ def whole_passes(passes: Iterable[KnownPass]) -> tuple[KnownPass, ...]:
 
 
 def group_by_speed(passes: Iterable[KnownPass]) -> tuple[SpeedGroup, ...]:
-    """Return the passes without faults in groups of about the same belt speed, slowest first."""
+    """Return the passes without faults in groups of about the same belt speed, slowest first.
+
+    A belt speed exceeds the slowest belt speed of its group by at most 5 %.
+    """
     whole = whole_passes(passes)
     speeds = np.array([each.window.belt_speed for each in whole])
     groups: list[SpeedGroup] = []

@@ -33,8 +33,8 @@ class ItemResult:
 
     estimate: MassEstimate
     verdict: Verdict
-    t4: int | None = None  # ns
-    reference: float = math.nan  # kg
+    t4: int | None = None  # time in ns at which the item has left the belt, None if unknown
+    reference: float = math.nan  # known mass in kg, NaN if there is none
 
     @property
     def error(self) -> float:
@@ -60,7 +60,7 @@ class ResultJoiner:
         self._references.extend(references)
 
     def forget(self, t1: int) -> None:
-        """Remove edges and known masses of items that entered before `t1` in ns."""
+        """Remove edges before `t1` in ns, and known masses of items that entered before `t1`."""
         del self._outfeed[: bisect_left(self._outfeed, (t1, False))]
         self._references.forget(t1)
 
@@ -81,9 +81,10 @@ class ResultJoiner:
         )
 
     def _t4(self, t3: int | None) -> int | None:
-        """Return the time of the first edge of the outfeed eye after `t3`.
+        """Return the time in ns at which the outfeed eye clears after `t3`.
 
-        Returns None if there is no such edge, or if it blocks the eye.
+        Returns None if `t3` is None, or if the outfeed eye has no edge after `t3`, or if its next
+        edge does not clear it but marks that an item blocks it.
         """
         if t3 is None:
             return None
@@ -154,7 +155,10 @@ TABLE_HEADER = (
 
 
 def table_row(result: ItemResult, origin: int) -> str:
-    """Return the row of a result in a text table. The times t1 are relative to `origin` in ns."""
+    """Return the row of a result in the text table with the header `TABLE_HEADER`.
+
+    The table shows t1 in s after `origin`, which is a time in ns.
+    """
     estimate, verdict = result.estimate, result.verdict
     t1 = '' if estimate.t1 is None else f'{(estimate.t1 - origin) / NANOSECONDS:.3f}'
 

@@ -39,10 +39,11 @@ _FORMATS = {
 
 
 def csv_text(evaluation: Evaluation, accuracy_class: AccuracyClass = AccuracyClass()) -> str:
-    """Return CSV with one row for each condition, of which there must be at least one.
+    """Return CSV with a header and one row for each condition of an evaluation.
 
-    The cell of an unknown value is empty. The columns ``max_mean_error_g`` and ``max_std_dev_g``
-    contain the limits of the class. In category Y, ``max_mean_error_g`` is the limit of each error.
+    The evaluation must have at least one condition. The cell of an unknown value is empty. The
+    columns ``max_mean_error_g`` and ``max_std_dev_g`` contain the limits of the class. In category
+    Y, ``max_mean_error_g`` is the limit of each error, and ``max_std_dev_g`` is infinite.
     ``within_class`` is 1 if there are enough weighings and both limits are met.
     """
     rows = []
@@ -64,7 +65,10 @@ def json_text(evaluation: Evaluation) -> str:
 
 
 def json_conditions(evaluation: Evaluation) -> list[dict[str, Any]]:
-    """Return all errors of each condition as plain values. An unknown value is None."""
+    """Return the statistics and all errors of each condition as plain values, in SI units.
+
+    An unknown value is None.
+    """
     return [
         plain_values({**_values(one), 'errors_kg': one.errors, 'stated_std_devs_kg': one.std_devs})
         for one in _ordered(evaluation)
@@ -77,7 +81,8 @@ def text_table(evaluation: Evaluation, accuracy_class: AccuracyClass = AccuracyC
     The table covers the test passes or, if there are none, the training passes. The columns include
     the coverage of the stated 68 % and 95 % intervals, the number of conditions within the limits
     of the class, and A in the paper (Long et al.) if the speed and the masses are those of the
-    paper. A second table shows the coverage by speed and mass of the estimator with the smallest A.
+    paper. If there are 2 to 10 masses, a second table shows the coverage by speed and mass for the
+    estimator with the smallest A.
     """
     part = evaluation.parts[0]
     lines = [
@@ -130,7 +135,7 @@ def _ordered(evaluation: Evaluation) -> list[ConditionResult]:
 
 
 def _values(one: ConditionResult) -> dict[str, Any]:
-    """Return the values of a condition in SI units."""
+    """Return the statistics of a condition in SI units, by column name."""
     return {
         'part': one.part,
         'estimator': one.estimator,
@@ -148,7 +153,10 @@ def _values(one: ConditionResult) -> dict[str, Any]:
 
 
 def plain_values(value: Any) -> Any:
-    """Return a value in a form for JSON. Numbers that are not finite become None."""
+    """Return a value in a form for JSON.
+
+    Numbers that are not finite become None, and tuples and arrays become lists.
+    """
     if isinstance(value, float) and not math.isfinite(value):
         return None
     if isinstance(value, dict):
