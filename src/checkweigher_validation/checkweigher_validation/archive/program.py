@@ -42,7 +42,7 @@ def program() -> Program:
 
 
 def other_program(there: Program, here: Program) -> str:
-    """Return one line with the reason why a worker cannot be used, or an empty text.
+    """Return one line with the reason why a worker cannot be used, or an empty text if it can.
 
     `there` is the program of the worker and `here` the program of this process.
     """
@@ -52,6 +52,9 @@ def other_program(there: Program, here: Program) -> str:
 
 
 def program_digest(packages: Iterable[str]) -> str:
-    """Return the SHA-256 digest of the names and contents of all Python files of some packages."""
+    """Return the SHA-256 digest of the names and contents of all Python files of some packages.
+
+    `packages` contains the names of the packages without the prefix ``checkweigher_``.
+    """
     digests = [package_digest(f'checkweigher_{package}') for package in packages]
     return hashlib.sha256(''.join(digests).encode()).hexdigest()

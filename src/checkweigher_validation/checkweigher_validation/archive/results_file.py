@@ -51,7 +51,12 @@ class Origin:
 
 @dataclass(frozen=True, slots=True)
 class BagSummary:
-    """Summary of the results of a bag. An error is None if too few items have a known mass."""
+    """Summary of the results of a bag.
+
+    The fields from `accept` to `fault` are numbers of items. The mean error and the largest error
+    are None if no item has a known mass, and the standard deviation of the errors is None if fewer
+    than two items have one.
+    """
 
     duration_s: float  # duration of the signal in s
     items: int
@@ -66,7 +71,10 @@ class BagSummary:
 
 
 def write_results_file(path: Path, results: Iterable[ItemResult]) -> pq.ParquetWriter:
-    """Write results to a Parquet file. The function `finish` must be called to complete it."""
+    """Write results to a Parquet file, and return its writer.
+
+    The file is not complete until `finish` is called with the writer.
+    """
     writer = pq.ParquetWriter(path, SCHEMA, compression='zstd')
     results = iter(results)
     while rows := list(islice(results, _ROWS)):
@@ -86,7 +94,10 @@ def finish(writer: pq.ParquetWriter, origin: Origin, summary: BagSummary) -> Non
 
 
 def read_origin(path: Path) -> tuple[Origin, BagSummary] | None:
-    """Return origin and summary in a file of results, or None if the file is not complete."""
+    """Return origin and summary in a file of results.
+
+    Returns None if the file does not exist, is not complete, or is not a file of results.
+    """
     with suppress(OSError, pa.ArrowException, KeyError, TypeError, ValueError):
         found = json.loads(pq.read_metadata(path).metadata[_KEY.encode()])
         summary = found['summary'] | {'notes': tuple(found['summary']['notes'])}

@@ -90,7 +90,7 @@ class ResultsFolder:
         return f'{len(self._done)} of {len(self.jobs)} bags, {self.hours:.2f} h of signal'
 
     def close(self) -> str:
-        """Write the file with the summary, and return one line on all bags for the user.
+        """Write the file with the summary, and return one line on all finished bags for the user.
 
         Raises `OutputError` if the file cannot be written.
         """

@@ -52,7 +52,7 @@ class Weighed:
     """Result of a job. There is no file and no problem if the stored results are still valid."""
 
     bag: str
-    host: str  # name of the machine that ran the job, or empty
+    host: str  # name of the machine that ran the job, or empty if its process was killed
     summary: BagSummary | None = None
     file: bytes | None = None  # content of the Parquet file with the results
     problem: str = ''  # error message in one line, or empty
@@ -71,7 +71,11 @@ def origin_of(job: WeighJob, digest: str) -> Origin:
 
 
 def weigh_bag(job: WeighJob) -> Weighed:
-    """Weigh a bag in limited memory. An exception is returned as a `Weighed` with a problem."""
+    """Weigh a bag in limited memory.
+
+    A bag with the digest `job.known` is not weighed again. An exception is returned as a `Weighed`
+    with a problem.
+    """
     broken = False
     try:
         if other := other_program(program(), job.program):
@@ -80,7 +84,7 @@ def weigh_bag(job: WeighJob) -> Weighed:
             digest = bag_digest(bag)
             if digest == job.known:
                 return Weighed(job.bag, gethostname())
-            broken = True  # from here on, errors are faults of the bag
+            broken = True  # from here on, errors except those of the system are faults of the bag
             summary, file = _weigh(job, bag, digest)
             return Weighed(job.bag, gethostname(), summary, file)
     except BagError as error:
@@ -102,8 +106,8 @@ def weigh_bags(
 ) -> Generator[Weighed, None, None]:
     """Weigh bags in parallel, and yield the result of each bag when it is done.
 
-    If the process of a job is killed, the result contains a problem, and the other bags are still
-    weighed. `n_jobs` is the number of processes, by default one for each core.
+    If the process of a job is killed twice, the result contains a problem, and the other bags are
+    still weighed. `n_jobs` is the number of processes, by default one for each core.
 
     Raises `ClusterLostError` if the jobs ran on a cluster that was lost.
     """
