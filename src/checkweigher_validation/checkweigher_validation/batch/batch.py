@@ -42,7 +42,10 @@ _MOST_FAULTS = 3  # largest number of reported faults in the counts of a record
 
 
 class BatchError(ValueError):
-    """Raised if a file is not a batch. The message contains the file, the fault and its line."""
+    """Raised if a file is not a batch.
+
+    The message contains the file, the fault and, if a row is at fault, the number of its line.
+    """
 
 
 class InLog(StrEnum):
@@ -106,8 +109,9 @@ class Batch:
     def with_log(self, logs: LogChain, data: bytes) -> 'Batch':
         """Return the batch with its changes, alarms and signatures in the audit logs.
 
-        The fields `in_log`, `log` and `software` are also set, and faults are added. `data` is the
-        content of the record.
+        The fields `in_log`, `log` and `software` are also set. The following are added to `faults`:
+        a fault of the log, the absence of the batch from the log, a contradiction between log and
+        record, and each void signature. `data` is the content of the record.
         """
         states = states_in(logs.entries, self.name)
         fault = self._fault_by(states, data)
@@ -138,10 +142,13 @@ class Batch:
         return fault_of(data, states) or own
 
     def _span_of(self, entries: Sequence[Entry]) -> tuple[int, int | None]:
-        """Return the slice of the entries from the beginning to the end of the batch.
+        """Return begin and end of the slice of the entries that were made during the batch.
 
-        The slice ends with None if the batch has not ended. The slice is found by
-        hashes, because times would leave out entries if the clock was set back.
+        The slice begins after the entry with the hash `after`, or with the first entry if the log
+        was empty before the batch. If that entry is missing, the slice begins with the first state
+        of the record. Hashes are used, because times would leave out entries if the clock was set
+        back. The slice ends with the state that ended the batch. The end is None if the batch has
+        not ended.
         """
         own = [n for n, e in enumerate(entries) if (e.kind, e.subject) == (RECORD, self.name)]
         begin = [n for n, e in enumerate(entries) if e.hash == self.after]
@@ -218,8 +225,9 @@ def read_recorded(path: Path, log: Path | None = None) -> Batch:
     """Read the record of a batch, and compare it with the audit log.
 
     If `log` is None, the log is that of the machine whose folder contains the record. The name of
-    a log in the record is not used, because a forger of the record would name a forged log. Raises
-    `RecordError` if the record cannot be read, and `AuditError` if the log cannot be read.
+    a log in the record is not used, because a forger of the record would name a forged log. If that
+    machine has no log, the batch gets a fault. Raises `RecordError` if the record cannot be read,
+    and `AuditError` if the log cannot be read.
     """
     batch = read_record(path)
     own = path.resolve().parents[1] / LOG_FILE

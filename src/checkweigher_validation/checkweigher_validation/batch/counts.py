@@ -11,14 +11,17 @@ from checkweigher_core.records import Decision, Verdict
 from checkweigher_dsp.rejection.batch_rules import BatchTally, count
 from checkweigher_production.recipes import Product
 
-_TOLERANCE = 1e-9  # kg, rounding error of a sum of masses
+# Rounding error of a sum of masses: in kg up to a sum of 1 kg, and relative to larger sums.
+_TOLERANCE = 1e-9
 
 
 def count_faults(events: Iterable[tuple[str, Any]]) -> Iterator[str]:
-    """Yield a sentence for each verdict whose counts do not agree with the items up to it.
+    """Yield a sentence for each verdict whose counts are not those before it plus its item.
 
     `events` are the kinds and contents of the lines of a record. The node `reject` has written the
-    counts of the product in the batch to each verdict.
+    counts of the product in the batch to each verdict. Verdicts without a product, or of another
+    batch, are ignored. The number below TU1 and the surplus are not compared for a product whose
+    recipe is not in the record or was changed during the batch.
     """
     batch, products = '', dict[str, Product]()
     tallies: dict[str, BatchTally] = {}
@@ -47,7 +50,10 @@ def _counted(verdict: Verdict, known: BatchTally, product: Product | None) -> Ba
 
 
 def _difference(found: BatchTally, told: BatchTally) -> str:
-    """Return how the counts in a verdict differ from the items of the record, or an empty text."""
+    """Return the first difference between counts as a sentence, or an empty text if they agree.
+
+    `found` contains the counts of the items in the record, and `told` those in the verdict.
+    """
     for name in ('items', 'accepted', 'below_tu1'):
         here, there = getattr(found, name), getattr(told, name)
         if here != there:

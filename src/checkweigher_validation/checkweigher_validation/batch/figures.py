@@ -27,12 +27,14 @@ class PartFigures:
 
     All values except the numbers of decisions and reasons are computed from the accepted items.
     `judgement` and `reference` are None if no item was accepted, or if 76/211/EEC has no limits for
-    the nominal weight.
+    the nominal weight. `chart` is None if there are too few accepted items for two subgroups.
     """
 
     product: Product
     decisions: dict[str, int]  # number of items with each decision
-    reasons: dict[str, int]  # reasons of the items that were not accepted, by descending number
+    # Number of not accepted items with each reason, in descending order. The decision replaces the
+    # reason of an item without reasons.
+    reasons: dict[str, int]
     masses: NDArray[np.float64]  # (n,)
     counts: NDArray[np.int64]  # number of items in each bin of the histogram, (bins,)
     edges: NDArray[np.float64]  # edges of the bins, (bins + 1,)
@@ -47,17 +49,17 @@ class PartFigures:
 
     @property
     def mean(self) -> float:
-        """Mean, or NaN if no item was accepted."""
+        """Mean of the masses, or NaN if no item was accepted."""
         return float(self.masses.mean()) if len(self.masses) else math.nan
 
     @property
     def std_dev(self) -> float:
-        """Standard deviation, or NaN for fewer than two accepted items."""
+        """Standard deviation of the masses, or NaN for fewer than two accepted items."""
         return float(self.masses.std(ddof=1)) if len(self.masses) > 1 else math.nan
 
     @property
     def giveaway(self) -> float:
-        """Difference between the mean and the nominal weight."""
+        """Mean of the masses minus the nominal weight, or NaN if no item was accepted."""
         return self.mean - self.product.nominal
 
 
@@ -87,7 +89,10 @@ def figures_of(part: Part, seed: int, plan: SamplingPlan = SamplingPlan.DOUBLE) 
 
 
 def _histogram(masses: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return counts and edges of a histogram whose bins follow the Freedman-Diaconis rule."""
+    """Return counts and edges of a histogram whose bins follow the Freedman-Diaconis rule.
+
+    The number of bins is at most 60. It is 1 if all masses are equal, and 0 if there are no masses.
+    """
     if not len(masses):
         return np.zeros(0, np.int64), np.zeros(0)
     edges = np.histogram_bin_edges(masses, 'fd' if np.ptp(masses) > 0 else 1)

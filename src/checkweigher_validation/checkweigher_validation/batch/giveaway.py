@@ -32,17 +32,20 @@ class Giveaway:
 
 
 def day(stamp: int) -> str:
-    """Return the day of a time in ns."""
+    """Return the date of a time in ns in the local time zone, as YYYY-MM-DD."""
     return local_time(stamp).date().isoformat()
 
 
 def month(stamp: int) -> str:
-    """Return the month of a time in ns."""
+    """Return the month of a time in ns in the local time zone, as YYYY-MM."""
     return day(stamp)[:7]
 
 
 def shift(stamp: int, begins: Sequence[time]) -> str:
-    """Return the day and time at which the shift that contains a time in ns began."""
+    """Return date and local time of the beginning of the shift to which a time in ns belongs.
+
+    `begins` contains the times of day at which the shifts begin, at least one.
+    """
     moment = local_time(stamp)
     before = [each for each in begins if each <= moment.time()]
     began = moment.date() if before else moment.date() - timedelta(1)
@@ -50,9 +53,10 @@ def shift(stamp: int, begins: Sequence[time]) -> str:
 
 
 def giveaway(batches: Iterable[Batch], period: Period, price: float = math.nan) -> list[Giveaway]:
-    """Return the giveaway in each period, by product.
+    """Return the giveaway of each product in each period, in the order of periods and products.
 
-    `price` is the price per kg of all products, or NaN to use those of the recipes.
+    `price` is the price per kg of all products, or NaN to use those of the recipes. Items without a
+    time belong to the period 'no time'. A product with two prices in a period has two entries.
     """
     found: dict[tuple[str, str, float], list[tuple[float, float]]] = {}
     for product, item in _accepted(batches):

@@ -37,7 +37,7 @@ class Signature:
 
     @property
     def value(self) -> dict[str, str]:
-        """Value in the audit log, without a batch if an entry was signed."""
+        """Value of the signature in the audit log, without a batch if an entry was signed."""
         return {name: text for name, text in asdict(self).items() if text is not None}
 
     def signed(self) -> bytes:
@@ -46,7 +46,7 @@ class Signature:
 
     @property
     def is_genuine(self) -> bool:
-        """Whether the signature was made with its key."""
+        """Whether `signature` was made with the private key that belongs to `key`."""
         try:
             key = Ed25519PublicKey.from_public_bytes(bytes.fromhex(self.key))
             key.verify(bytes.fromhex(self.signature), self.signed())
@@ -102,7 +102,9 @@ def signature_faults(
 ) -> Iterator[str]:
     """Yield a sentence for each signature that is void.
 
-    `persons` is the number of persons who must have signed when a batch is released.
+    `batch` is the name of the signed batch, or None for an entry. `sha256` is the digest of the
+    record or of the entry. `persons` is the number of persons who must have signed when it is
+    released.
     """
     for number, each in enumerate(signatures, 1):
         what = f'signature {number} ({each.meaning} by {each.who}) is void: '
@@ -130,7 +132,10 @@ def foreign_keys(signatures: Sequence[Signature], signers: Mapping[str, Signer])
 
 
 def lacking(signatures: Sequence[Signature], persons: int) -> str:
-    """Return why these signatures do not permit a release, or an empty text."""
+    """Return why these signatures do not permit a release, or an empty text if they do.
+
+    A person who has signed twice, or a key with which two persons have signed, counts once.
+    """
     names, keys = ({getattr(each, name) for each in signatures} for name in ('who', 'key'))
     count = min(len(names), len(keys))
     return f'{persons} persons must have signed, but only {count} did' if count < persons else ''

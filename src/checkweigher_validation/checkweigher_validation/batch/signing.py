@@ -122,8 +122,9 @@ def signable_entries(entries: Sequence[Entry]) -> list[Signable]:
 def _may_be_signed(entries: Sequence[Entry]) -> Iterator[tuple[Entry, int]]:
     """Yield the entries that may be signed, each with the number of persons for a release.
 
-    The number is `release_by` of the recipe, or 1 for a verification. If a recipe was changed, the
-    larger of its two numbers applies, so that no single person can lower the number.
+    The number is `release_by` of the recipe, or 1 for a verification. For a change of limits, the
+    recipe is that of the selected product. If a recipe was changed, the larger of its two numbers
+    applies, so that no single person can lower the number.
     """
     asked: dict[str, int] = {}  # number of persons for a release, by product
     product = ''
@@ -152,7 +153,7 @@ def _title(entry: Entry) -> str:
 def entry_signature_faults(
     entries: Sequence[Entry], signers: Mapping[str, Signer] | None = None
 ) -> Iterator[str]:
-    """Yield a sentence for each void signature on an entry.
+    """Yield a sentence for each void signature on an entry, also if the log lacks the entry.
 
     `signers` contains the users by name. If it is None, the keys are not compared with the users.
     """
