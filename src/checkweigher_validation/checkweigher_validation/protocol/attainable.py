@@ -19,18 +19,18 @@ from checkweigher_validation.accuracy.passes import KnownPass
 from checkweigher_validation.tuning.calibration import index
 
 _BEFORE = 0.2  # duration of the signal before t1 in s
-_PENALTIES = np.logspace(-9, 1, 41)  # kg^2
+_PENALTIES = np.logspace(-9, 1, 41)  # penalties of the ridge regression to choose from, in kg^2
 
 
 def attainable_errors(
     learn: Sequence[KnownPass], check: Sequence[KnownPass]
 ) -> NDArray[np.float64]:
-    """Return the errors on the passes `check`, (n,) in kg, of a regression on the passes `learn`.
+    """Fit a ridge regression to the passes `learn`, and return its errors on the passes `check`.
 
-    All passes must be without faults, and of the same machine and nominal speed. The regressors are
-    the samples from 0.2 s before t1 to t3, interpolated at the same fractions of each pass, after
-    subtraction of the zero. The penalty is that with the smallest A in leave-one-out
-    cross-validation.
+    The errors are estimated minus true masses, (n,) in kg. All passes must be without faults, and
+    of the same machine and nominal speed. The regressors are the samples from 0.2 s before t1 to
+    t3, interpolated at the same fractions of each pass, after subtraction of the zero. The penalty
+    is that with the smallest A in leave-one-out cross-validation.
     """
     span = min(_samples(each.window) for each in learn)
     signals, masses = _signals(learn, span), np.array([each.mass for each in learn])
@@ -56,7 +56,10 @@ def _signals(passes: Sequence[KnownPass], span: int) -> NDArray[np.float64]:
 
 
 def _ridge(signals: NDArray[np.float64], masses: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the weights, (k,), of centred signals, (n, k), for centred masses."""
+    """Return the weights, (k,), of a ridge regression of masses, (n,) in kg, on signals, (n, k).
+
+    The signals must be centred. The masses are centred by this function.
+    """
     targets = masses - masses.mean()
     left, values, right = np.linalg.svd(signals, full_matrices=False)
     along = left.T @ targets

@@ -32,7 +32,7 @@ from checkweigher_validation.tuning.tuner import UNTRAINED, Tuned, tune
 MASSES = PAPER_MASSES
 SPEEDS = (0.5, 1.0, 1.5)  # m/s
 PASSES = 120  # number of test passes at each speed
-FURTHER = 1500  # number of passes that give the attainable accuracy
+FURTHER = 1500  # number of passes at each speed from which the attainable accuracy is learned
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ class MachinesProtocol:
     machines: tuple[int, ...]  # seeds of the machines
     training: int = PASSES  # number of training passes
     training_masses: tuple[float, ...] = MASSES  # masses in kg of the training passes
-    further: int = FURTHER  # number of passes that give the attainable accuracy
+    further: int = FURTHER  # number of passes from which the attainable accuracy is learned
     speeds: tuple[float, ...] = SPEEDS  # m/s
     without: tuple[str, ...] = ()  # causes of disturbance that are removed from the machines
 
@@ -120,9 +120,10 @@ def evaluate_machines(
     budget: int = BUDGET,
     n_jobs: int | None = None,
 ) -> tuple[MachineResult, ...]:
-    """Simulate machines, tune estimators on training passes, and weigh with and without tuning.
+    """Simulate machines, and evaluate the estimators on each of them with and without tuning.
 
-    The other parameters are as in `checkweigher_validation.tuning.tuner.tune`.
+    The tuned estimators weigh training and test passes, and the untrained estimators weigh the test
+    passes. The other parameters are as in `checkweigher_validation.tuning.tuner.tune`.
     """
     calls = [
         partial(run_machine, protocol, machine, speed, base.segmenter)
@@ -171,5 +172,5 @@ def _weigh(
 
 
 def _sets(runs: Sequence[MachineRun], part: str, name: str) -> list[PassSet]:
-    """Return the passes in the field `name` of each run."""
+    """Return the passes in the field `name` of each run as a set of the part `part`."""
     return [PassSet(run.speed, part, getattr(run, name)) for run in runs]

@@ -42,7 +42,7 @@ class Run:
 
 @dataclass(frozen=True, slots=True)
 class Protocol:
-    """Parameters of the test."""
+    """Parameters of the test with the masses of the paper."""
 
     profile: str = 'paper'  # profile of the simulated machine
     passes: int = PASSES  # number of passes of each mass at each speed
