@@ -124,11 +124,17 @@ class Content:
         return average(self.conditions(**chosen))
 
     def judged(self, name: str) -> list[bool]:
-        """Return whether each condition of an estimator is within the limits of the class."""
+        """Return whether each condition of an estimator is within the limits of the class.
+
+        A condition with too few weighings is not.
+        """
         return [judge(one, self._class).passed for one in self.conditions(estimator=name)]
 
     def best_by_speed(self) -> list[float]:
-        """Return the smallest A in kg of all estimators at each speed, and on average."""
+        """Return the smallest A in kg of all estimators at each speed, and on average.
+
+        Estimators whose A is NaN are ignored. The smallest A is NaN if they all are.
+        """
         speeds = (*self._evaluation.speeds, None)
         rows = [[self.mean(estimator=name, speed=at).index for at in speeds] for name in self.looks]
         return list(np.fmin.reduce(rows))
@@ -150,7 +156,10 @@ class Content:
         return [paper_result(name, speed, mass) for mass in self._evaluation.masses]
 
     def exceeded(self, condition: ConditionResult) -> str:
-        """Return symbols of the violated limits: μ (error), σ, and n (number of weighings)."""
+        """Return the symbols of the violated limits: μ (error), σ, and n (number of weighings).
+
+        They are separated by spaces. The text is empty if all limits are met.
+        """
         found = judge(condition, self._class)
         kept = (found.error_passed, found.std_dev_passed, found.enough_weighings)
         return ' '.join(name for name, passed in zip('μσn', kept, strict=True) if not passed)

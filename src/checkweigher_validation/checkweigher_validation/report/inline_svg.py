@@ -30,7 +30,10 @@ DOTTED: Any = {'color': MUTED, 'lw': 0.9, 'ls': (0, (2, 2))}
 
 
 def stand_in(number: int) -> str:
-    """Return the placeholder colour of a series, for which ``var(--series-N)`` is substituted."""
+    """Return the placeholder colour of the series N = `number`, from 0 to 255.
+
+    In the SVG element, the CSS variable ``var(--series-N)`` replaces this colour.
+    """
     return f'#f1e2{number:02x}'
 
 
@@ -50,8 +53,9 @@ def label_rows(axes: Axes, labels: Sequence[str]) -> None:
 def to_inline_svg(figure: Figure, name: str, description: str) -> Markup:
     """Return a figure as an SVG element for an HTML page.
 
-    The function must be called within the style `STYLE`. `name` is a prefix for all ids in the
-    figure, which must be unique on the page. Screen readers speak the text `description`.
+    The caller must have selected the style sheet `STYLE` with `matplotlib.rc_context`. `name` is a
+    prefix for all ids in the figure, and no other figure on the page may have it. Screen readers
+    speak the text `description`.
     """
     file = io.StringIO()
     # Omit the metadata, because it contains a date, which would make equal figures different.

@@ -18,7 +18,7 @@ from checkweigher_validation.accuracy.tables import LEVELS
 from checkweigher_validation.report import accuracy_figures, content, signal_figures
 from checkweigher_validation.report.inline_svg import STYLE, to_inline_svg
 
-_NO_ID = 12 * '-'  # placeholder of the report id while its digest is computed
+_NO_ID = 12 * '-'  # placeholder of the report id while the digest of the page is computed
 
 
 @rc_context(fname=STYLE)

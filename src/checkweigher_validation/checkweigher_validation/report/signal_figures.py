@@ -109,10 +109,11 @@ def denoised_figure(example: Example) -> Figure:
 def amplitude_spectrum(
     signal: NDArray[np.float64], sample_rate: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the amplitude spectrum of a signal, (n,), that begins and ends at zero.
+    """Return the frequencies and the amplitude spectrum of a signal, (n,).
 
-    The signal is padded with zeros, so that the spectrum is smooth. Returns the frequencies in Hz
-    and the magnitude of the Fourier transform in the unit of the signal per Hz.
+    The signal must begin and end near zero, because it is padded with zeros, so that the spectrum
+    is smooth. The frequencies are in Hz. The amplitude is the magnitude of the Fourier transform,
+    in the unit of the signal per Hz.
     """
     points = max(_SPECTRUM_POINTS, len(signal))
     frequency = np.fft.rfftfreq(points, 1 / sample_rate)
