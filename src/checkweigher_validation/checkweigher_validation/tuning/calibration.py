@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from checkweigher_validation.accuracy.errors import overall_index
 
-# Combine masses with fewer passes, because their separate standard deviations are too uncertain.
+# Smallest number of passes of a mass for which A is computed separately. Masses with fewer passes
+# are combined, because their separate standard deviations are too uncertain.
 _FEWEST_OF_A_MASS = 5
 _FEWEST_FOR_OFFSET = 6  # smallest number of passes to fit gain and offset
 _DISTINCT_MASSES = 1.2  # masses are distinct above this ratio of the heaviest to the lightest
@@ -62,7 +63,10 @@ def are_distinct(masses: NDArray[np.float64]) -> bool:
 
 
 def index(errors: NDArray[np.float64], masses: NDArray[np.float64]) -> float:
-    """Return the index A in kg, averaged over the masses. Masses with few passes are combined."""
+    """Return the index A in kg, averaged over the masses.
+
+    Masses with fewer than five passes count as one mass.
+    """
     values, counts = np.unique(masses, return_counts=True)
     groups = [errors[masses == value] for value in values[counts >= _FEWEST_OF_A_MASS]]
     rest = errors[np.isin(masses, values[counts < _FEWEST_OF_A_MASS])]

@@ -47,14 +47,15 @@ def choose(tuned: Mapping[str, Tuned]) -> tuple[str, str]:
     """Return the name of the chosen estimator, and the reason for the choice in one line.
 
     The best estimator is that with the smallest A on held-out passes, averaged over the belt speeds
-    by the geometric mean. A simpler estimator is chosen instead if its ln A exceeds that of the
-    best by a negligible amount, even after one standard error of the difference is added. This is
-    not a significance test: in about one such choice in six, the difference is not negligible. The
-    standard error is computed by a jackknife over blocks of passes. With few passes, it is so large
-    that the best estimator is chosen. Disturbances cancel in the difference, because both
-    estimators weigh the same passes. The parameters without training, if `tuned` contains them,
-    count as the simplest estimator. These parameters are also chosen if their ln A exceeds
-    that of the best estimator by at most one standard error of the difference. [own derivation]
+    by the geometric mean. A simpler estimator, which precedes the best one in `ESTIMATORS`, is
+    chosen instead if its ln A exceeds that of the best by a negligible amount, even after one
+    standard error of the difference is added. This is not a significance test: in about one such
+    choice in six, the difference is not negligible. The standard error is computed by a jackknife
+    over blocks of passes. With few passes, the standard error is so large that the best estimator
+    is chosen. Disturbances cancel in the difference, because both estimators weigh the same passes.
+    The parameters without training, if `tuned` contains them, count as the simplest estimator.
+    These parameters are also chosen if their ln A exceeds that of the best estimator by at most one
+    standard error of the difference. [own derivation]
 
     Raises `ValueError` if `tuned` is empty.
     """

@@ -59,7 +59,11 @@ class TunedGaussMarkov(Tunable):
 
     @classmethod
     def prepare(cls, groups: Sequence[SpeedGroup], base: LineParameters) -> LineParameters:
-        """Return `base` with a platform fitted to the passes of all speeds if this lowers A."""
+        """Return `base` with a platform fitted to the passes of all speeds if this lowers A.
+
+        Otherwise the estimator has no platform model: its parameter `sample_rate` is set to 0.
+        Raises `TuningError` if the passes are too short or have no noise.
+        """
         sample_rate = groups[0].passes[0].window.sample_rate
         known = replace(base.identifier.gauss_markov, sample_rate=sample_rate)
         models = fit_platform(groups, known), replace(known, sample_rate=0.0)
@@ -72,7 +76,7 @@ class TunedGaussMarkov(Tunable):
     ) -> tuple[Values, float]:
         """Return the order of the noise model with the smallest badness, and this badness.
 
-        Without a platform model, no order is returned.
+        Without a platform model, the returned values are empty, because the order is not used.
         """
         if not self.known.sample_rate:
             return {}, badness({})

@@ -29,7 +29,10 @@ class TunedIswdEksi(Tunable):
     """
 
     def searched(self) -> tuple[Axis, ...]:
-        """Return the axes of the search, including those of the positive values in `base`."""
+        """Return the axes of the search.
+
+        Those of `gamma5` and the thresholds are included if their values in `base` are positive.
+        """
         found = list(self.estimator.axes)
         for name in ('gamma5', 'lambda5', 'lambda6', 'lambda7'):
             start = self.start(Axis(name, 0.0, 0.0, 0.0))

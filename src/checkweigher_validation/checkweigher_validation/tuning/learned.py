@@ -6,10 +6,11 @@ r"""Tuning of the learned estimator, whose weights follow from a covariance C of
 
 R contains the residuals of the n passes of a speed from their mean curve, and :math:`\sigma^2` is
 the mean of the variances of R. The other terms dominate if there are few passes. Each of the
-coefficients a to f is the number of passes to which its term is equivalent. N is the covariance of
-the noise of the empty belt, and the identity matrix I is that of white noise. E is the normalized
-covariance of the residuals at the other speeds, at the same positions on the belt. K_r, K_j and K_b
-are models of the covariance of three disturbances: damped swings that begin during the entry,
+coefficients a, b, d, e and f is the number of passes to which its term is equivalent, and c is the
+weight of a pass at another speed. N is the covariance of the noise of the empty belt, and the
+identity matrix I is that of white noise. E is a sum over the other speeds: R'R at the same
+positions on the belt, divided by the mean of the variances of R at that speed. K_r, K_j and K_b are
+models of the covariance of three disturbances: damped swings that begin during the entry or at t2,
 jitter of the edges (the curve moved or stretched), and an uneven rise (a Brownian bridge from t1 to
 t2). The vector u is the change of the curve for a heavier product, whose oscillation is slower. It
 is 0 if the masses differ enough, because R then contains this change. z is twice the stated
@@ -84,7 +85,7 @@ class Evidence:
     masses: NDArray[np.float64]  # (n,), in kg
 
     def select(self, rows: NDArray[np.bool_]) -> 'Evidence':
-        """Return the passes `rows`."""
+        """Return the evidence of the passes for which the mask `rows`, (n,), is True."""
         return Evidence(self.features[rows], self.masses[rows])
 
     @property
@@ -94,7 +95,7 @@ class Evidence:
 
     @property
     def residuals(self) -> NDArray[np.float64]:
-        """Differences R of the features from the mean curve, (n, k), in kg."""
+        """Residuals R, (n, k) in kg: the features minus the product of mass and `curve`."""
         return np.asarray(self.features - np.outer(self.masses, self.curve))
 
     @property
@@ -112,10 +113,12 @@ class Prior:
     """Terms of the covariance that do not depend on the residuals R of the speed."""
 
     noise: NDArray[np.float64]  # covariance of the noise of the empty belt, (k, k), in kg^2
-    elsewhere: NDArray[np.float64]  # sum of the normalized R'R of the other speeds, (k, k)
+    # Sum of R'R of the other speeds, each divided by the mean of the variances of that R, (k, k).
+    elsewhere: NDArray[np.float64]
     swings: NDArray[np.float64]  # covariance of damped swings, (k, k), with a mean variance of 1
     rise: NDArray[np.float64]  # covariance of an uneven rise, (k, k), with a mean variance of 1
-    time: NDArray[np.float64]  # time of each feature after t1, (k,), in durations of a feature
+    # Time of each feature after t1, (k,), in durations of a feature. It is 0 before t1.
+    time: NDArray[np.float64]
     zero: float = 0.0  # variance z^2 of the zero in kg^2
 
     def last(self, count: int) -> 'Prior':
@@ -141,7 +144,10 @@ def covariances(known: Evidence, prior: Prior) -> NDArray[np.float64]:
 
 
 def _scaled(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a covariance, (k, k), with a mean variance of 1, or 0 if it is 0."""
+    """Return a covariance, (k, k), divided by its mean variance.
+
+    A covariance of 0 is returned unchanged.
+    """
     return np.asarray(covariance * (len(covariance) / max(np.trace(covariance), 1e-12)))
 
 
@@ -154,7 +160,11 @@ class CrossValidatedFit:
 
 
 def fit(known: Evidence, prior: Prior) -> CrossValidatedFit:
-    """Return the fit, averaged over the points by their likelihood on held-out passes."""
+    """Fit weights for each point of the coefficients, and return the weighted mean of these fits.
+
+    The weight of a point is its likelihood, which is computed from the errors of held-out passes
+    after gain and offset.
+    """
     masses, curve, residuals = known.masses, known.curve, known.residuals
     # Ratio of the residual of a pass from the curve of the other passes to its residual from the
     # curve of all passes.
@@ -247,7 +257,7 @@ class TunedLearned(Tunable):
 
 
 def swing_covariance(layout: Layout, duration: float) -> NDArray[np.float64]:
-    """Return the covariance of damped swings that begin during the entry, (k, k).
+    """Return the covariance of damped swings that begin during the entry or at t2, (k, k).
 
     The mean variance is 1, and the phase of a swing is random. `duration` is the duration in s of
     the part of the signal that gives one feature.

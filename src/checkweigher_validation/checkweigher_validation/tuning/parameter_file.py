@@ -131,5 +131,8 @@ def _changed(parameters: Parameters) -> dict[str, object]:
 
 
 def _printable(text: str) -> str:
-    """Return a text without control characters, because a line break would end the comment."""
+    """Return a text in which spaces replace all characters that cannot be printed.
+
+    A line break in the text would end the comment.
+    """
     return ''.join(sign if sign.isprintable() else ' ' for sign in text)

@@ -89,7 +89,10 @@ def search(
 def _explore(
     at: Callable[[Point], float], tried: Sequence[_Trial], dimensions: int, budget: int
 ) -> None:
-    """Evaluate points until the budget is used. `at` evaluates a point and adds it to `tried`."""
+    """Evaluate points until the rest of the budget is too small for a simplex search.
+
+    `at` evaluates a point and adds it to `tried`.
+    """
     from scipy.stats import qmc  # imported late, because the import is slow
 
     points = qmc.LatinHypercube(dimensions, rng=np.random.default_rng(_SEED))
@@ -114,7 +117,10 @@ def _best_apart(tried: Sequence[_Trial]) -> list[Point]:
 
 
 def _descend(at: Callable[[Point], float], origin: Point, step: float, evaluations: int) -> None:
-    """Search by Nelder and Mead if `evaluations` exceeds the number of corners of a simplex."""
+    """Search by the method of Nelder and Mead with at most about `evaluations` evaluations.
+
+    Does nothing if `evaluations` does not exceed the number of corners of a simplex.
+    """
     from scipy.optimize import minimize  # imported late, because the import is slow
 
     if evaluations > len(origin) + 1:

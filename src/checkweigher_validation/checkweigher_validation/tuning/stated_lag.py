@@ -16,7 +16,10 @@ _DIGITS = 7  # number of decimal places of the parameters
 
 
 def unchecked(segmenter: SegmenterParameters) -> SegmenterParameters:
-    """Return parameters with which windows are cut by the photo-eyes alone, for training."""
+    """Return parameters without the comparison of the photo-eyes with the rise of the load.
+
+    A segmenter with these parameters cuts the windows by the photo-eyes alone, as training needs.
+    """
     return replace(segmenter, rise_lag_tolerance=0.0)
 
 
@@ -26,9 +29,10 @@ def stated_lag(passes: Sequence[KnownPass], segmenter: SegmenterParameters) -> S
     The learned parameters of an estimator are valid for this lag only. The windows of `passes` must
     have been cut by the photo-eyes alone. The lag is modelled as a delay plus a distance divided by
     the belt speed. This model is fitted by least squares to the median lag at each speed, and its
-    largest residual is added to the tolerance. Passes whose lag is unknown are ignored. With passes
-    of one speed, only the delay is fitted. `segmenter` is returned unchanged if its tolerance is 0,
-    or if fewer than three passes of each speed have a known lag.
+    largest residual is added to the tolerance. Passes with faults or with an unknown lag are
+    ignored, and so are speeds with fewer than three other passes. With passes of one speed, only
+    the delay is fitted, and the distance is 0. `segmenter` is returned unchanged if its tolerance
+    is 0, or if all speeds are ignored.
     """
     rows = []
     for group in group_by_speed(passes):

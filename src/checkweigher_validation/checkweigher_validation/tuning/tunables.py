@@ -56,7 +56,10 @@ class Tunable:
 
     @classmethod
     def prepare(cls, groups: Sequence[SpeedGroup], base: LineParameters) -> LineParameters:
-        """Return `base` with the parameters that are learned from all speeds, here unchanged."""
+        """Return `base` with the parameters of the estimator that are learned from all speeds.
+
+        This class learns no such parameters, and returns `base` unchanged.
+        """
         return base
 
     @property
@@ -81,7 +84,10 @@ class Tunable:
         return self.estimator.axes
 
     def start(self, axis: Axis) -> float:
-        """Return the start value of an axis, which is the value in `base` at this speed."""
+        """Return the start value of an axis, which is the value in `base` at this speed.
+
+        If `base` has no parameter of this name, it is the start value of the axis itself.
+        """
         known = self.known
         return known.at(axis.name, self.group.speed) if hasattr(known, axis.name) else axis.start
 
@@ -94,7 +100,8 @@ class Tunable:
         """Return the estimated load of each pass before gain and offset, (n,) in kg.
 
         If the estimator learns parameters, each pass is weighed with the parameters that are
-        learned from other passes.
+        learned from other passes. If the other passes are too few to learn from, they are learned
+        from all passes.
         """
         passes = np.arange(len(self.windows))
         fold = folds(self.group.masses, max(self.estimator.folds, 1))

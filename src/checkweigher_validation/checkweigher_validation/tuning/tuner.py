@@ -102,7 +102,8 @@ def tune(
     base : LineParameters
         Parameters that are not tuned.
     budget : int
-        Largest number of evaluations for each estimator at each speed.
+        Largest number of evaluations for each estimator at each speed, as in
+        `checkweigher_validation.tuning.search.search`. A fold of several passes has half of it.
     n_jobs : int, optional
         Number of processes, as in `checkweigher_validation.jobs.run_jobs`.
     skip_failing : bool
@@ -116,7 +117,8 @@ def tune(
     Raises
     ------
     TuningError
-        If there are too few passes at a speed, or an estimator cannot be tuned.
+        If there are no passes, or too few passes at a speed, or if an estimator cannot be tuned. If
+        `skip_failing` is True, the last case raises only if no estimator can be tuned.
     """
     _check_passes(groups)
     prepare = {name: partial(TUNABLES[name].prepare, groups, base) for name in estimators}
@@ -143,9 +145,10 @@ def tune(
 
 
 def untrained(groups: Sequence[SpeedGroup], base: LineParameters) -> Tuned:
-    """Return the selected estimator of `base` as it is, with its errors on passes by belt speed.
+    """Return the selected estimator of `base` without tuning, with its errors at each belt speed.
 
-    The error of a pass without a mass is NaN.
+    The error of a pass without a mass is NaN, and so is A at its speed. The fields `calibration`
+    and `uncertainty` contain no values of `base`: the gain is 1, and the uncertainty is 0.
     """
     speeds = []
     for group in groups:
