@@ -18,9 +18,9 @@ The rules are:
 - Inside the range of dynamic setting, a step fails if a pass did not get a mass. This program adds
   this rule, because otherwise a machine could meet its limits by not weighing.
 
-The stated uncertainty of an error is an expanded uncertainty with k = 2, which combines the scatter
-of the passes and the uncertainty of the reference mass. The uncertainty is not subtracted from the
-limits.
+The stated uncertainty of an error is an expanded uncertainty with k = 2. It combines the scatter of
+the passes, or the standard errors of the reading at rest and of its zero, with the uncertainty of
+the reference mass. The uncertainty is not subtracted from the limits.
 """
 
 from collections import Counter
@@ -70,7 +70,7 @@ class Result:
     coverage: float = math.nan  # fraction of the errors within the stated 95 % interval
     max_error: float = math.nan
     max_std_dev: float = math.nan
-    failures: tuple[str, ...] = ()
+    failures: tuple[str, ...] = ()  # reasons why the attempt failed
 
     @property
     def passed(self) -> bool:
@@ -114,7 +114,7 @@ class AttemptResults:
 
     @property
     def last(self) -> tuple[Result, ...]:
-        """Result of the last attempt at each step."""
+        """Result of the last attempt at each step, which may be a skipped attempt."""
         return tuple(each for each in self.results if each.number == each.attempts)
 
 
@@ -193,7 +193,10 @@ def _judge_passes(blank: Result, accuracy_class: AccuracyClass) -> Result:
     In a test of repeatability, the standard deviation is limited in category X, and the spread in
     category Y. In tests of warm-up and eccentricity, the error is limited. In tests outside the
     range of dynamic setting, no pass may get a mass. In all other tests, the error is limited, and
-    in category X also the standard deviation.
+    in category X also the standard deviation. Outside the range, an attempt also fails if it has
+    fewer passes than planned. In all other tests, an attempt also fails if it has fewer weighings
+    than planned, if a pass got no mass, or if the median belt speed differs by more than 5 % from
+    that of the step.
     """
     step, condition = blank.attempt.step, condition_of(blank.attempt)
     result = _with_figures(blank, condition)

@@ -29,8 +29,9 @@ class Expected(NamedTuple):
 def expected_uncertainties(plan: Plan, std_dev: float) -> Iterator[Expected]:
     """Yield the expected uncertainty of each step that has a load and an error limit.
 
-    It combines the uncertainty of the load and, for passes, the standard deviation of their mean.
-    `std_dev` is the standard deviation of a pass in kg, or 0 if it is not known.
+    The uncertainty combines that of the reference mass and, for passes, the standard deviation of
+    their mean error. `std_dev` is the standard deviation of the error of a single pass in kg, or 0
+    if it is not known.
     """
     own = plan.accuracy_class
     for step in steps_of(plan):
@@ -44,8 +45,8 @@ def expected_uncertainties(plan: Plan, std_dev: float) -> Iterator[Expected]:
 def expected_duration(plan: Plan, spacing: float) -> float:
     """Return the duration of a plan in s, if the products enter the belt `spacing` m apart.
 
-    It includes the waiting times of the warm-up. It does not include the time that a person needs
-    to place a load, to change the belt speed, or to answer.
+    The duration includes the waiting times of the warm-up. It does not include the time that a
+    person needs to place a load, to change the belt speed, or to answer.
     """
     time = 0.0
     for step in steps_of(plan):

@@ -12,7 +12,11 @@ from checkweigher_recording.bags.results import mcap_digest
 
 
 def verification_faults(folder: Path, values: Any) -> Iterator[str]:
-    """Yield the differences between the folder of a verification and its audit log entry."""
+    """Yield a sentence for each file of a verification that its audit log entry does not confirm.
+
+    `values` is the content of the entry, which has the digest of the bag, and the digests of the
+    other files by file name.
+    """
     what = f'verification {folder.name}'
     if not isinstance(values, dict):
         yield f'{what}: its entry in the audit log cannot be used'
@@ -26,7 +30,10 @@ def verification_faults(folder: Path, values: Any) -> Iterator[str]:
 
 
 def file_faults(folder: Path, what: str, files: Any) -> Iterator[str]:
-    """Yield a fault for each file that is missing or has another SHA-256 digest than stated."""
+    """Yield a sentence for each file that is missing or has another SHA-256 digest than stated.
+
+    `files` contains the digests by file name, and `what` begins each sentence.
+    """
     for name, digest in files.items() if isinstance(files, dict) else ():
         path = folder / Path(name).name
         if not path.is_file():

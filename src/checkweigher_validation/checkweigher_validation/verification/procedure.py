@@ -31,7 +31,8 @@ from checkweigher_validation.verification.reweighing import conflicts, is_weighe
 from checkweigher_validation.verification.steps import Step, steps_of
 
 # Keys of the identity record in a bag. The record contains the name of the program that recorded
-# the bag, and digests of files.
+# the bag, the name of the audit log and the hash of its last entry, digests, and in `how` the way
+# in which the steps were recorded.
 IDENTITY = (
     'program',
     'program_sha256',
@@ -51,11 +52,11 @@ SAMPLES_LOST, SATURATED, TOO_SHORT = 'SamplesLost', 'Saturated', 'TooShort'
 class ItemPass:
     """One pass of an item. Masses are in kg; an unknown mass is NaN."""
 
-    stamp: int  # t1 in ns, or t3 if t1 is unknown
+    stamp: int  # t1 in ns, or t3 if t1 is unknown, or 0 if both are unknown
     mass: float
     std_dev: float  # stated standard deviation
     speed: float  # m/s
-    reasons: tuple[str, ...]  # reasons why the item was not weighed
+    reasons: tuple[str, ...]  # reasons why the item was not weighed, empty if it was weighed
 
     @property
     def weighed(self) -> bool:
@@ -97,7 +98,8 @@ class Procedure:
     attempts: tuple[Attempt, ...]
     zeros: tuple[ZeroChange, ...]  # zeros that the operator has set
     digest: str  # SHA-256 of the bag
-    faults_between: tuple[ItemPass, ...] = ()  # items without a mass that belong to no attempt.
+    # Items without a mass that did not enter during an attempt that consists of passes.
+    faults_between: tuple[ItemPass, ...] = ()
     # A sentence for each change of settings since the first step, or None if this is unknown.
     changes: tuple[str, ...] | None = ()
     # A sentence for each conflict between verdicts, estimates and samples.
@@ -157,7 +159,10 @@ def read_procedure(path: Path) -> Procedure:
 def item_passes(
     estimates: Iterable[MassEstimate], verdicts: Iterable[Verdict]
 ) -> tuple[ItemPass, ...]:
-    """Return a pass for each verdict, in order of entry, with the speed of its estimate."""
+    """Return a pass for each verdict, in order of entry, with the speed of its estimate.
+
+    The speed is NaN if the verdict has no estimate.
+    """
     speeds = {(each.item_id, each.t1): each.belt_speed for each in estimates}
     items = [
         item_pass(each, speeds.get((each.estimate_id, each.t1), math.nan)) for each in verdicts
@@ -204,7 +209,11 @@ def _attempts(
 
 
 def _reading(recording: Recording, begin: int, end: int) -> AtRest:
-    """Return the reading from all sample blocks between two times in ns."""
+    """Return the reading from the sample blocks that are completely between two times in ns.
+
+    The reading is not valid if there are too few samples, if samples between them were lost, or if
+    a sample is at an end of the range of the converter.
+    """
     cell, blocks = recording.load_cell, BlockColumns.of(recording.blocks)
     durations = (blocks.lengths * (NANOSECONDS / cell.sample_rate)).astype(np.int64)
     inside = np.flatnonzero((blocks.stamps >= begin) & (blocks.stamps + durations <= end))

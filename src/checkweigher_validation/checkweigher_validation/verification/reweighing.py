@@ -40,7 +40,8 @@ def conflicts(
 ) -> Iterator[str]:
     """Yield a sentence for each kind of conflict between verdicts, estimates and samples.
 
-    `identity` is the identity record of the bag, which contains the parameters of the nodes.
+    If the samples cannot be weighed again, a sentence with the reason is yielded. `identity` is the
+    identity record of the bag, which contains the parameters of the nodes.
     `interval` is the verification scale interval e in kg. `begins` contains the start times in ns
     of the recordings if several recordings were weighed separately.
     """
@@ -69,9 +70,9 @@ def conflicts(
 
 
 def _cut(recording: Recording, begins: Sequence[int]) -> Iterator[Recording]:
-    """Yield the parts of a recording that begin at the times `begins` in ns.
+    """Yield the parts into which a recording is divided at the times `begins` in ns.
 
-    If `begins` is empty, yields the whole recording.
+    Parts without sample blocks are left out. If `begins` is empty, the whole recording is yielded.
     """
     if not begins:
         yield recording

@@ -52,8 +52,8 @@ class Step:
     kind: StepKind
     load: Mass | None = None
     speed: float | None = None  # belt speed in m/s, or None for a reading at rest
-    count: int = 0
-    position: str = ''
+    count: int = 0  # planned number of passes, 0 for a reading at rest
+    position: str = ''  # name of the position across the belt, empty except for eccentricity
     minutes: float | None = None  # planned time after the first step of the warm-up
 
     @property
