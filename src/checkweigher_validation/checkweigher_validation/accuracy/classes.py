@@ -31,7 +31,7 @@ from checkweigher_core.records import GRAMS
 from checkweigher_production.prepackages import tolerable_negative_error
 from checkweigher_validation.accuracy.errors import ConditionResult
 
-# Tolerance for rounding errors of a mass that equals a bound.
+# Factor on a bound, so that a mass that equals the bound is within it in spite of rounding errors.
 _ON_BOUND = 1 + 1e-9
 
 # Largest load, in e, of each of the three ranges of load.
@@ -134,7 +134,7 @@ class AccuracyClass:
     def max_error(self, mass: float) -> float:
         """Return the limit of the magnitude of the error at a load, in kg.
 
-        In category X, it is the limit of the mean error. In category Y, it is the limit of each
+        In category X, this is the limit of the mean error. In category Y, this is the limit of each
         error. Returns NaN for a load above the range of the class.
         """
         return self._step_of_error(mass, self.category)
@@ -260,7 +260,7 @@ class Suitability:
 
     @property
     def allowed_error(self) -> float:
-        """Largest error in service of a scale that may check such prepackages."""
+        """Largest error in service, in kg, of a scale that may check such prepackages."""
         return _SUITABLE_SHARE * self.tolerable_negative_error
 
     @property
@@ -294,7 +294,7 @@ class Judgement:
 
     max_error: float  # limit in kg as in `AccuracyClass.max_error`
     max_std_dev: float  # limit in kg as in `AccuracyClass.max_std_dev`
-    error_passed: bool  # whether the error is at most `max_error`; False if one of them is NaN
+    error_passed: bool  # whether the error is at most `max_error`; False if one of them is NaN.
     # Whether the standard deviation is at most `max_std_dev`. Always True in category Y.
     std_dev_passed: bool
     weighings: int

@@ -95,7 +95,8 @@ def rows_as_csv(rows: Iterable[Iterable[object]]) -> Iterator[str]:
     A text that a spreadsheet would evaluate as a formula, for example because it begins with =, is
     prefixed with an apostrophe.
     """
-    file: Any = SimpleNamespace(write=str)  # `writerow` returns what `write` returns: the line
+    # The method `writerow` returns the result of `write`, which is the line.
+    file: Any = SimpleNamespace(write=str)
     writer = csv.writer(file, lineterminator='\n')
     for row in rows:
         yield writer.writerow([f"'{each}" if _FORMULA.match(str(each)) else each for each in row])

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from checkweigher_validation.accuracy.examples import Example
 
-_SAME = 1e-6  # tolerance for rounding errors of equal speeds and masses
+_SAME = 1e-6  # tolerance in m/s or kg for rounding errors of equal speeds and masses
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -162,7 +162,7 @@ def coverage(conditions: Iterable[ConditionResult], level: float) -> float:
     The interval of a pass is computed from its stated standard deviation for a normal distribution.
     `level` is the confidence level, between 0 and 1. The fraction is close to `level` if the stated
     standard deviations are right and there is no bias. Passes without a stated standard deviation
-    are ignored. The fraction is NaN if no pass has one.
+    are ignored. The fraction is NaN if no pass has a stated standard deviation.
     """
     factor = NormalDist().inv_cdf((1 + level) / 2)
     within = [
@@ -184,7 +184,10 @@ def same(one: float, other: float) -> bool:
 
 
 def distinct(values: Iterable[float]) -> tuple[float, ...]:
-    """Return the values in ascending order, without values that are equal except for rounding."""
+    """Return the distinct values in ascending order.
+
+    Only the smallest of several values that are equal except for rounding is returned.
+    """
     kept: list[float] = []
     for value in sorted(values):
         if not kept or not same(kept[-1], value):

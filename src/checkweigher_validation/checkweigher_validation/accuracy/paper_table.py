@@ -61,12 +61,12 @@ def paper_index(estimator: str, speed: float | None = None) -> float:
 
 
 def has_paper_masses(evaluation: Evaluation) -> bool:
-    """Return whether the masses are those of the paper."""
+    """Return whether the masses of an evaluation are those of the paper."""
     return _all_same(evaluation.masses, PAPER_MASSES)
 
 
 def has_paper_conditions(evaluation: Evaluation) -> bool:
-    """Return whether speeds and masses are those of the paper."""
+    """Return whether the speeds and masses of an evaluation are those of the paper."""
     return has_paper_masses(evaluation) and _all_same(evaluation.speeds, PAPER_SPEEDS)
 
 

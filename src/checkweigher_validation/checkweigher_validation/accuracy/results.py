@@ -117,14 +117,15 @@ def weigh_stretches(
 ) -> Iterator[ItemResult]:
     """Yield the results that `weigh` returns for a recording, but in limited memory.
 
-    `stretches` are the consecutive parts of the recording, at least one, as from
-    `checkweigher_recording.bags.reading.read_stretches`.
+    `stretches` are the consecutive parts of the recording, at least one. The function
+    `checkweigher_recording.bags.reading.read_stretches` yields such parts.
     """
     stretches = iter(stretches)
     first = next(stretches)
     joiner = ResultJoiner((), ())
     waiting: list[Weighing] = []  # weighings without a final result, sorted by item number
-    known, following = -1, 1  # time in ns up to which all events are known, next item number
+    # Time in ns up to which all events are known, and number of the next item.
+    known, following = -1, 1
 
     def arriving() -> Iterator[Recording]:
         nonlocal known
