@@ -84,7 +84,8 @@ def weigh_bag(job: WeighJob) -> Weighed:
             digest = bag_digest(bag)
             if digest == job.known:
                 return Weighed(job.bag, gethostname())
-            broken = True  # from here on, errors except those of the system are faults of the bag
+            # From here on, an error is a fault of the bag, except an OSError or a MemoryError.
+            broken = True
             summary, file = _weigh(job, bag, digest)
             return Weighed(job.bag, gethostname(), summary, file)
     except BagError as error:
