@@ -16,10 +16,12 @@ _TOLERANCE = 1e-9
 
 
 def count_faults(events: Iterable[tuple[str, Any]]) -> Iterator[str]:
-    """Yield a sentence for each verdict whose counts are not those before it plus its item.
+    """Yield a sentence for each verdict with wrong counts.
 
     `events` are the kinds and contents of the lines of a record. The node `reject` has written the
-    counts of the product in the batch to each verdict. Verdicts without a product, or of another
+    counts of the product in the batch to each verdict. They are wrong if they differ from the
+    counts in the previous verdict on the product, to which the item of the verdict is added. The
+    counts before the first verdict are 0. Verdicts without a product, or of another
     batch, are ignored. The number below TU1 and the surplus are not compared for a product whose
     recipe is not in the record or was changed during the batch.
     """

@@ -31,9 +31,9 @@ class PartFigures:
     """
 
     product: Product
-    decisions: dict[str, int]  # number of items with each decision
-    # Number of not accepted items with each reason, in descending order. The decision replaces the
-    # reason of an item without reasons.
+    decisions: dict[str, int]  # number of items with each decision.
+    # Number of items with each reason among those that were not accepted, in descending order. For
+    # an item without reasons, the name of its decision is counted as its reason.
     reasons: dict[str, int]
     masses: NDArray[np.float64]  # (n,)
     counts: NDArray[np.int64]  # number of items in each bin of the histogram, (bins,)

@@ -11,7 +11,8 @@ from checkweigher_core.records import Decision, local_time
 from checkweigher_production.recipes import Product
 from checkweigher_validation.batch.batch import Batch, BatchItem
 
-Period = Callable[[int], str]  # name of the period of a time in ns
+# Function that returns the name of the period to which a time in ns belongs.
+Period = Callable[[int], str]
 
 
 @dataclass(frozen=True, slots=True)

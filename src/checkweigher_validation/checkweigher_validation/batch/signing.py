@@ -82,8 +82,8 @@ def signable_batch(record: Path, log: Path | None = None) -> Signable:
 def signable_entry(log: Path, digest: str) -> Signable:
     """Return the entry of an audit log with the hash `digest`, to be signed.
 
-    Raises `SigningError` if no such entry may be signed, or if the log or the files of the
-    verification were changed.
+    Raises `SigningError` if there is no such entry, if it may not be signed, if the log was
+    changed, or if the entry is that of a verification whose files were changed.
     """
     chain = read_chain(log)
     if chain.fault:
