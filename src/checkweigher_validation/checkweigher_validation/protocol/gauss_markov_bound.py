@@ -43,7 +43,8 @@ from checkweigher_recording.simulation.simulator import (
     SimulationParameters,
 )
 
-_SETTLING = 2.0  # time in s after which a transient is below 1e-7 on the softest platform
+# Time in s after which a transient on the softest platform is below 1e-7 of its first amplitude.
+_SETTLING = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,8 +91,8 @@ class _SimulatedPass:
         self._mass = mass
         sample_rate = parameters.sample_rate
         self._step = 1 / (OVERSAMPLING * sample_rate)
-        # t1 is at a sample, which has little effect on the bound. It is also at a whole second, so
-        # that rounding errors hardly depend on `before`.
+        # t1 is at a sample, which has little effect on the bound. If the sample rate is a whole
+        # number, t1 is also at a whole second, so that rounding errors hardly depend on `before`.
         entry = math.ceil(math.ceil(_SETTLING + before) * sample_rate)
         last = math.ceil(round((parameters.weigh_length / parameters.speed) * sample_rate, 6))
         self._first = entry - round(before * sample_rate)
@@ -150,13 +151,13 @@ class _SimulatedPass:
         return covariance
 
     def _broadband(self) -> StateSpace:
-        """Return the broadband noise as a system without a state, whose input is white noise."""
+        """Return the system without a state that generates the broadband noise from white noise."""
         half_rate = 1 / (2 * self._step)
         force = self._profile.broadband * self._parameters.speed * math.sqrt(half_rate)
         return StateSpace(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), force, dt=1)
 
     def _floor(self) -> StateSpace:
-        """Return the vibration of the floor as a band-pass filter, whose input is white noise."""
+        """Return the band-pass filter that generates the floor vibration from white noise."""
         rate = 1 / self._step
         sections = butter(2, FLOOR_BAND, 'bandpass', fs=rate, output='sos')
         size = self._profile.floor / math.sqrt(FLOOR_BANDWIDTH / (rate / 2))
