@@ -111,9 +111,9 @@ def amplitude_spectrum(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the frequencies and the amplitude spectrum of a signal, (n,).
 
-    The signal must begin and end near zero, because it is padded with zeros, so that the spectrum
-    is smooth. The frequencies are in Hz. The amplitude is the magnitude of the Fourier transform,
-    in the unit of the signal per Hz.
+    The signal is padded with zeros, so that the spectrum is smooth. Therefore the signal should
+    begin and end near zero. The frequencies are in Hz. The amplitude is the magnitude of the
+    Fourier transform, in the unit of the signal per Hz.
     """
     points = max(_SPECTRUM_POINTS, len(signal))
     frequency = np.fft.rfftfreq(points, 1 / sample_rate)
