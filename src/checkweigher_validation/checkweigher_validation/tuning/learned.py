@@ -112,11 +112,11 @@ _MATRICES = ('noise', 'elsewhere', 'swings', 'rise')  # terms of `Prior` with th
 class Prior:
     """Terms of the covariance that do not depend on the residuals R of the speed."""
 
-    noise: NDArray[np.float64]  # covariance of the noise of the empty belt, (k, k), in kg^2
+    noise: NDArray[np.float64]  # covariance of the noise of the empty belt, (k, k), in kg^2.
     # Sum of R'R of the other speeds, each divided by the mean of the variances of that R, (k, k).
     elsewhere: NDArray[np.float64]
     swings: NDArray[np.float64]  # covariance of damped swings, (k, k), with a mean variance of 1
-    rise: NDArray[np.float64]  # covariance of an uneven rise, (k, k), with a mean variance of 1
+    rise: NDArray[np.float64]  # covariance of an uneven rise, (k, k), with a mean variance of 1.
     # Time of each feature after t1, (k,), in durations of a feature. It is 0 before t1.
     time: NDArray[np.float64]
     zero: float = 0.0  # variance z^2 of the zero in kg^2
@@ -202,7 +202,7 @@ class TunedLearned(Tunable):
         return replace(base, identifier=base.identifier.with_set('learned', known))
 
     def estimates(self, values: Mapping[str, float]) -> NDArray[np.float64]:
-        """Return the estimated load of each pass by weights from other passes, (n,) in kg."""
+        """Return the load of each pass, (n,) in kg, estimated with weights from other passes."""
         alone, led = self._fits
         result = alone.held_out.copy()
         if led is not None:
@@ -227,7 +227,7 @@ class TunedLearned(Tunable):
     def _fits(self) -> tuple[CrossValidatedFit, CrossValidatedFit | None]:
         """Fit to the features after t2, and fit to all features.
 
-        The second fit is None if the signal before t2 is used in too few passes.
+        The second fit is None if the signal before t2 is used in fewer than three passes.
         """
         layout = self.known.layout
         prior = self._prior(layout)

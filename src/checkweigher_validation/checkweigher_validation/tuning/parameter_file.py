@@ -73,7 +73,10 @@ def parameter_file(
 
 
 def _coverage_lines(tuned: Tuned) -> list[str]:
-    """Return the lines of a table: the coverage of the held-out errors by speed and mass."""
+    """Return the lines of a table with the coverage of the stated intervals by speed and mass.
+
+    The coverage is computed from the held-out errors.
+    """
     conditions = []
     for speed in tuned.speeds:
         errors, masses = np.array(speed.held_out_errors), np.array(speed.masses)

@@ -117,9 +117,10 @@ def _best_apart(tried: Sequence[_Trial]) -> list[Point]:
 
 
 def _descend(at: Callable[[Point], float], origin: Point, step: float, evaluations: int) -> None:
-    """Search by the method of Nelder and Mead with at most about `evaluations` evaluations.
+    """Search for the best point by the method of Nelder and Mead, beginning at `origin`.
 
-    Does nothing if `evaluations` does not exceed the number of corners of a simplex.
+    `evaluations` is the largest number of evaluations, which a simplex step may exceed. If it does
+    not exceed the number of corners of a simplex, nothing is evaluated.
     """
     from scipy.optimize import minimize  # imported late, because the import is slow
 

@@ -16,9 +16,9 @@ _DIGITS = 7  # number of decimal places of the parameters
 
 
 def unchecked(segmenter: SegmenterParameters) -> SegmenterParameters:
-    """Return parameters without the comparison of the photo-eyes with the rise of the load.
+    """Return parameters that switch off the comparison of photo-eyes and rise of the load.
 
-    A segmenter with these parameters cuts the windows by the photo-eyes alone, as training needs.
+    A segmenter with these parameters cuts the windows by the photo-eyes alone, as tuning requires.
     """
     return replace(segmenter, rise_lag_tolerance=0.0)
 
@@ -30,9 +30,9 @@ def stated_lag(passes: Sequence[KnownPass], segmenter: SegmenterParameters) -> S
     have been cut by the photo-eyes alone. The lag is modelled as a delay plus a distance divided by
     the belt speed. This model is fitted by least squares to the median lag at each speed, and its
     largest residual is added to the tolerance. Passes with faults or with an unknown lag are
-    ignored, and so are speeds with fewer than three other passes. With passes of one speed, only
-    the delay is fitted, and the distance is 0. `segmenter` is returned unchanged if its tolerance
-    is 0, or if all speeds are ignored.
+    ignored, and then also speeds with fewer than three remaining passes. With passes of one speed,
+    only the delay is fitted, and the distance is 0. `segmenter` is returned unchanged if its
+    tolerance is 0, or if all speeds are ignored.
     """
     rows = []
     for group in group_by_speed(passes):

@@ -100,8 +100,8 @@ class Tunable:
         """Return the estimated load of each pass before gain and offset, (n,) in kg.
 
         If the estimator learns parameters, each pass is weighed with the parameters that are
-        learned from other passes. If the other passes are too few to learn from, they are learned
-        from all passes.
+        learned from other passes. If the other passes are too few to learn from, the parameters are
+        learned from all passes.
         """
         passes = np.arange(len(self.windows))
         fold = folds(self.group.masses, max(self.estimator.folds, 1))

@@ -41,10 +41,10 @@ _OWN: dict[str, type[Tunable]] = {
 }
 TUNABLES: dict[str, type[Tunable]] = {name: _OWN.get(name, Tunable) for name in METHODS}
 
-UNTRAINED = 'untrained'  # name of the parameters without training in comparisons
+UNTRAINED = 'untrained'  # name that stands for the parameters without training in comparisons
 FEWEST_PASSES = 3  # smallest number of passes of one speed for tuning
-_FEWEST_FOR_HALVES = 60  # smallest number of passes with which one half is enough for tuning
-_FEWEST_FOR_FIFTHS = 20
+_FEWEST_FOR_HALVES = 60  # smallest number of passes for cross-validation with halves or eighths
+_FEWEST_FOR_FIFTHS = 20  # smallest number of passes for cross-validation with fifths
 _CLOSED_FORM_FOLDS = 8  # number of folds for an estimator that is learned without a search
 _DIGITS = 7  # significant digits of numbers in a parameter file
 
