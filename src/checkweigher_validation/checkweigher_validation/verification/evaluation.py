@@ -267,7 +267,7 @@ def _shortcomings(attempt: Attempt, condition: ConditionResult) -> Iterator[str]
 
 
 def _shortcomings_outside(condition: ConditionResult, planned: int) -> Iterator[str]:
-    """Yield the reasons why a test fails in which no pass may get a mass."""
+    """Yield the reasons why a test outside the range of dynamic setting fails."""
     passes = condition.count + condition.faults
     if passes < planned:
         yield f'{passes} of {planned} planned passes'

@@ -213,7 +213,7 @@ class Plan(Settings):
 
     @property
     def prepackages(self) -> tuple[Suitability, ...]:
-        """Comparison of the error of the class with the allowed error, by nominal quantity."""
+        """Comparisons of the error of the class with the error allowed at each nominal quantity."""
         return tuple(suitability(self.accuracy_class, each / GRAMS) for each in self.prepackages_g)
 
     @property

@@ -97,7 +97,7 @@ class Procedure:
     load_cell: LoadCell
     attempts: tuple[Attempt, ...]
     zeros: tuple[ZeroChange, ...]  # zeros that the operator has set
-    digest: str  # SHA-256 of the bag
+    digest: str  # SHA-256 of the bag.
     # Items without a mass that did not enter during an attempt that consists of passes.
     faults_between: tuple[ItemPass, ...] = ()
     # A sentence for each change of settings since the first step, or None if this is unknown.
@@ -211,8 +211,8 @@ def _attempts(
 def _reading(recording: Recording, begin: int, end: int) -> AtRest:
     """Return the reading from the sample blocks that are completely between two times in ns.
 
-    The reading is not valid if there are too few samples, if samples between them were lost, or if
-    a sample is at an end of the range of the converter.
+    The reading is not valid if there are too few samples, if samples between the blocks were lost,
+    or if a sample is at an end of the range of the converter.
     """
     cell, blocks = recording.load_cell, BlockColumns.of(recording.blocks)
     durations = (blocks.lengths * (NANOSECONDS / cell.sample_rate)).astype(np.int64)

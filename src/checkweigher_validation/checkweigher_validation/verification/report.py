@@ -118,7 +118,7 @@ def as_json(report: Mapping[str, Any]) -> str:
 
 
 def _step(result: Result, first: Result | None = None) -> Values:
-    """Return the attempt for the report. `first` is the first result of the warm-up."""
+    """Return the values of an attempt in the report. `first` is the first result of the warm-up."""
     attempt, step = result.attempt, result.attempt.step
     after = None
     if first is not None and step.minutes is not None:
