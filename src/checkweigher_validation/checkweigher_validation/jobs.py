@@ -20,7 +20,7 @@ Job = Callable[[], Any]
 # Environment variables that limit the numerical libraries of a worker process to one thread. By
 # default there is a worker for each core, so more threads would slow down the other workers.
 ONE_THREAD = {'OMP_NUM_THREADS': '1', 'OPENBLAS_NUM_THREADS': '1', 'MKL_NUM_THREADS': '1'}
-_LOOK = 5.0  # longest time between two checks of the workers in s
+_LOOK = 5.0  # time in s without a finished job after which the workers are checked
 
 
 class WorkerLostError(ValueError):
@@ -40,7 +40,7 @@ class Workers(AbstractContextManager['Workers']):
     If an exception leaves the context, all jobs that have not ended are cancelled.
     """
 
-    ahead: int  # largest number of submitted jobs that are not done yet
+    ahead: int  # largest number of submitted jobs that are not done yet.
     # Exception that the future of a job raises if its worker was killed, perhaps by another job.
     lost: type[Exception]
 
@@ -94,7 +94,7 @@ class _Processes(Workers):
 
 @contextmanager
 def _mute() -> Iterator[None]:
-    """Redirect stderr to the null device, also for processes that are started in the block.
+    """In this context, redirect stderr to the null device, also for processes that are started.
 
     Otherwise, a process that Ctrl-C interrupts during its imports would print a traceback.
     """
@@ -146,8 +146,8 @@ def run_jobs(
     shown. For this bar, `sizes` are proportional to the expected times of the jobs, which are equal
     by default. An exception of a job is raised again, and the remaining jobs are cancelled.
 
-    Raises `WorkerLostError` if the worker of a job was killed, and again when the job was repeated
-    alone, and `ClusterLostError` if the jobs ran on a cluster that was lost.
+    Raises `WorkerLostError` if the worker of a job was killed twice, the second time while the job
+    ran alone, and `ClusterLostError` if the jobs ran on a cluster that was lost.
     """
     with closing(jobs_as_done(jobs, n_jobs)) as results:
         if sizes is None:
