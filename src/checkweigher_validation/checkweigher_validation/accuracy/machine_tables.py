@@ -115,7 +115,11 @@ def _conditions(machines: Sequence[Evaluation], **chosen: Any) -> list[Condition
 
 
 def family_text(machines: Sequence[MachineResult], title: str) -> str:
-    """Return the tables of the tuned estimators and of the untrained estimators as text."""
+    """Return the tables of the tuned estimators and of the untrained estimators as text.
+
+    The coverage table of the chosen estimators follows, if `coverage_table` returns one, and then
+    the text that `choices` returns.
+    """
     lines = [f'{title}: A / attainable A of the test passes, mean and largest of the machines']
     for table in family_tables(machines):
         lines += _table_text(table)

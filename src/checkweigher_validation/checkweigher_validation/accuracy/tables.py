@@ -102,8 +102,8 @@ def text_table(evaluation: Evaluation, accuracy_class: AccuracyClass = AccuracyC
 def coverage_table(conditions: Iterable[ConditionResult], title: str) -> list[str]:
     """Return the lines of a table with the coverage of the 95 % intervals in %, by speed and mass.
 
-    Conditions of the same speed and mass are combined. The list is empty for a single mass, and for
-    more than ten masses, because each of them then has few passes.
+    Conditions of the same speed and mass are combined. The list is empty for fewer than two masses,
+    and for more than ten masses, because each of them then has few passes.
     """
     there = tuple(conditions)
     masses = distinct(one.mass for one in there)
@@ -167,7 +167,10 @@ def plain_values(value: Any) -> Any:
 
 
 def _csv_row(values: dict[str, Any]) -> dict[str, Any]:
-    """Return values as the cells of a CSV row. Masses are converted to g."""
+    """Return values as the cells of a CSV row, by column name.
+
+    Masses are converted to g. A cell is empty if its value is NaN.
+    """
     row = {}
     for key, value in values.items():
         name, shown = key.replace('_kg', '_g'), GRAMS * value if key.endswith('_kg') else value
