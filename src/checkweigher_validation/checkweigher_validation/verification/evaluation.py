@@ -103,8 +103,9 @@ class AttemptResults:
     def verdict(self) -> str:
         """Verdict 'failed', 'incomplete', 'undecided' or 'passed'.
 
-        The last attempt at each step counts. If no step failed, the verification is incomplete
-        if there are gaps, and otherwise undecided if there is another departure from the rules.
+        The last attempt that was made at each step counts. If no step failed, the verification is
+        incomplete if there are gaps, and otherwise undecided if there is another departure from the
+        rules.
         """
         if any(each.failures for each in self.last):
             return 'failed'
@@ -114,8 +115,9 @@ class AttemptResults:
 
     @property
     def last(self) -> tuple[Result, ...]:
-        """Result of the last attempt at each step, which may be a skipped attempt."""
-        return tuple(each for each in self.results if each.number == each.attempts)
+        """Result of the last attempt that was made at each step, without the skipped attempts."""
+        made = {each.attempt.step.name: each for each in self.results if not each.attempt.skipped}
+        return tuple(made.values())
 
 
 def outcome_of(procedure: Procedure) -> AttemptResults:
@@ -318,7 +320,7 @@ def _step_departures(procedure: Procedure, results: Sequence[Result]) -> Iterato
         if attempt.step.kind == StepKind.ZEROING and attempt.reading and attempt.begin < zeroed:
             yield f'Step {name} had no zeroing before it; it was compared with the calibrated zero.'
         if result.attempts > 1 and result.number == 1:
-            yield f'Step {name} was made {result.attempts} times; the last one counts.'
+            yield f'Step {name} has {result.attempts} attempts; the last that was made counts.'
 
 
 def _foreign_cell(procedure: Procedure) -> Iterator[str]:

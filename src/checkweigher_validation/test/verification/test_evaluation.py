@@ -147,7 +147,7 @@ def test_the_last_attempt_counts_and_all_are_told():
     )
     assert [(each.number, each.passed) for each in found.results] == [(1, False), (2, True)]
     assert [each.number for each in found.last] == [2]
-    assert 'Step passes_60_small was made 2 times; the last one counts.' in found.departures
+    assert 'Step passes_60_small has 2 attempts; the last that was made counts.' in found.departures
 
 
 def test_what_was_another_one_after_the_last_step_is_told():
@@ -183,6 +183,7 @@ def test_only_a_whole_verification_without_departures_is_passed():
     *others, last = whole.attempts
     assert last.reading is not None
     beyond = replace(last, reading=replace(last.reading, mass=last.reading.mass + 1e-3))
+    skipped = Attempt(last.step, last.end, last.end, skipped='no time')
     uncertain = EXAMPLE.replace('    uncertainty_g: 0.002', '    uncertainty_g: 0.5')
     for procedure, verdict in (
         (replace(whole, attempts=(*others, beyond)), 'failed'),
@@ -191,6 +192,8 @@ def test_only_a_whole_verification_without_departures_is_passed():
         (whole_procedure(EXAMPLE[: EXAMPLE.index('static:')]), 'incomplete'),
         (whole_procedure(uncertain), 'undecided'),
         (replace(whole, attempts=(*others, beyond, last)), 'undecided'),
+        (replace(whole, attempts=(*others, beyond, skipped)), 'failed'),
+        (replace(whole, attempts=(*others, last, skipped)), 'undecided'),
         (replace(whole, zeros=()), 'undecided'),
         (replace(whole, load_cell=CELL), 'undecided'),
         (replace(whole, conflicts=('1 mass is not that of the samples.',)), 'undecided'),
