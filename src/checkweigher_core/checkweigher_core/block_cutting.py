@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from checkweigher_core.recording import BlockColumns, Event, Recording
 from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, SampleBlock
 
-LONGEST = 0.25  # longest joined block in s
+LONGEST = 0.25  # longest duration of a joined block in s
 _ROUNDING = 1  # largest rounding error of a stamp in ns
 _NEARLY = 1e-3  # tolerance of a position in samples; it covers the rounding of stamps
 
@@ -34,9 +34,10 @@ def join(
     Consecutive blocks are joined up to `longest` s of signal, unless there is a gap between them in
     the sample index or in time. An edge is yielded before the block that contains the time of the
     edge. However, if `ends_block` returns True for an edge, or the block is longer than `longest`,
-    the block is cut at the edge, and the samples before the edge are yielded before the edge. If
-    `events` are in canonical order, the output has the order in which a live source would send it,
-    because a source sends a block after the last sample of that block.
+    the block is cut at the edge, and the samples before the edge are yielded before the edge. A
+    reference mass is yielded at once, also before samples that are still being joined. If `events`
+    are in canonical order, blocks and edges are yielded in the order in which a live source would
+    send them, because a source sends a block after the last sample of that block.
     """
     run = _Run(sample_rate, longest)
     for event in events:
@@ -67,8 +68,8 @@ class _Run:
     def goes_on_with(self, block: SampleBlock) -> bool:
         """Return whether a block can be joined to the run.
 
-        The block must follow the run without a gap, and must not make the run longer than the
-        limit.
+        Any block can be joined to an empty run. Any other run must be followed by the block without
+        a gap, and must not become longer than the limit.
         """
         if not self._blocks:
             return True

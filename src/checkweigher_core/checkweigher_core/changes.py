@@ -28,8 +28,9 @@ BACKUP = 'backup'  # the machine folder was restored from a backup
 def plain(value: object) -> Any:
     """Convert a value to JSON types.
 
-    Iterables are converted to lists. NaN and infinities, which JSON does not have, and values of
-    other types are converted to strings.
+    Mappings are converted to dicts with strings as keys, and all other iterables except strings to
+    lists. NaN and infinities, which JSON does not have, are converted to strings, as are values of
+    all other types that JSON does not have. Strings, finite numbers, bools and None are unchanged.
     """
     if isinstance(value, float) and not math.isfinite(value):
         return str(value)

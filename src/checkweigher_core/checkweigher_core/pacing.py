@@ -24,7 +24,7 @@ class Pacer:
     _first_stamp: int | None = field(default=None, init=False)
 
     def due(self, event: Event) -> float:
-        """Return the due time of an event in s."""
+        """Return the due time of an event in s, on the clock of `start`."""
         if self._first_stamp is None:
             self._first_stamp = event.stamp
         if self.rate == 0:
@@ -98,10 +98,10 @@ class FlowControl:
         return isinstance(event, EyeEdge) and len(self._edges) >= self.max_edges
 
     def give_up_edges(self) -> int:
-        """Forget the edges that are not processed yet. Returns the number of these edges.
+        """Forget the edges that are not processed yet. Returns the number of forgotten edges.
 
-        Edges are forgotten only if all samples were processed. The edges have then not reached the
-        segmenter, so the driver would wait for them forever.
+        Edges are forgotten only if the segmenter has processed all samples; otherwise the result is
+        0. Such edges have not reached the segmenter, so the driver would wait for them forever.
         """
         lost = 0 if self._samples_on_their_way > 0 else len(self._edges)
         if lost:

@@ -95,7 +95,8 @@ class Parameters:
     Raises
     ------
     ParameterError
-        If a value has the wrong type, is NaN, is out of range or is not one of the choices.
+        If a value has the wrong type, is NaN, is out of range, is not one of the choices, or is a
+        list of more than 100,000 numbers.
     """
 
     # Name of the node that declares the parameters.
@@ -205,10 +206,10 @@ def _number(kind: type, description: Description, value: object) -> float:
 
 
 def check_cost(parameters: Parameters, cost: Callable[..., float], *names: str) -> None:
-    """Raise ParameterError if the computation for one item would take too long.
+    """Raise ParameterError if the computation for one item would take more than 0.05 s.
 
-    `cost` estimates the duration in s from the parameters `names`. The message names the parameter
-    whose default value would shorten the computation most.
+    `cost` estimates the duration in s from the parameters `names`. The message names the one of
+    these parameters that would shorten the computation most if it had its default value.
     """
     values = {name: getattr(parameters, name) for name in names}
     if (seconds := cost(**values)) <= _MAX_COST:
@@ -232,8 +233,9 @@ def by_node(
 
     A section ``/**`` addresses all nodes. A section such as ``/**/segmenter`` or
     ``/lane1/segmenter`` addresses one node, and overrides the section ``/**``. `sets` maps
-    each node to its parameter class. Sections of `other_nodes` are ignored. `lane` is the namespace
-    of the nodes; it is required if the file addresses several lanes.
+    each node to its parameter class. `lane` is the namespace of the nodes; it is required if the
+    file addresses several lanes. Sections of `other_nodes`, and of nodes in other lanes than
+    `lane`, are ignored.
 
     Raises
     ------
@@ -263,8 +265,9 @@ def _own_values(
 ) -> dict[str, Any]:
     """Return the values of a section of a parameter file by the full names of the parameters.
 
-    `known` contains the names of the parameters of each node, or is empty. Raises `SettingsError`
-    if `known` is not empty, and none of its nodes has a parameter of the section.
+    The parameters that rclpy declares for each node are omitted. `known` contains the names of the
+    parameters of each node, or is empty. Raises `SettingsError` if `known` is not empty, and the
+    section contains a parameter that none of these nodes has.
     """
     found = {}
     for name, value in flatten(values).items():
@@ -294,7 +297,11 @@ def check_sections(sections: object) -> dict[Any, dict[str, Any]]:
 
 
 def in_section(error: ParameterError, sections: Mapping[Any, Any]) -> SettingsError:
-    """Return a copy of an error that also contains the path of its parameter in `sections`."""
+    """Return a copy of an error that also contains the path of its parameter in `sections`.
+
+    The path is empty if no section contains the parameter. If several sections contain it, the path
+    leads to the last of them.
+    """
     made, (name, _, _) = SettingsError(str(error)), str(error).partition(': ')
     node, _, own = name.partition('.')
     for address, section in sections.items():
@@ -309,7 +316,8 @@ def in_section(error: ParameterError, sections: Mapping[Any, Any]) -> SettingsEr
 def _of_other_lanes(addresses: Iterable[str], lane: str | None) -> set[str]:
     """Return the addresses of nodes in the namespaces of other lanes than `lane`.
 
-    Raises `SettingsError` if `lane` is None and the addresses contain several lanes.
+    If `lane` is None, the result is empty. Raises `SettingsError` if `lane` is None and the
+    addresses contain several lanes.
     """
     spaces = ((each, each.rpartition('/')[0].strip('/')) for each in addresses)
     named = {each: namespace for each, namespace in spaces if namespace.strip('*/')}

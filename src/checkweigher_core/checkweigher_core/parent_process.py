@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 import signal
 
-CANNOT_START = 2  # exit status of a node that refuses its parameters
+CANNOT_START = 2  # exit status of a node that cannot start, such as with an invalid parameter
 _SET_PARENT_DEATH_SIGNAL = 1  # option PR_SET_PDEATHSIG, see prctl(2)
 _VARIABLE = 'CHECKWEIGHER_PARENT'
 
@@ -41,8 +41,10 @@ def end_with_parent(parent: int | None = None) -> None:
 
     `parent` is the process ID of the parent. The default is the ID in the environment variable that
     `child_variable` returns. Without an ID, no signal is sent, because a command that a user starts
-    in a shell may outlive the shell. The kernel also sends the signal if the parent continues but
-    its thread that started this process ends.
+    in a shell may outlive the shell. If the parent has already ended, this process gets the signal
+    at once. The kernel also sends the signal if the parent continues but its thread that started
+    this process ends. The environment variable is removed, so that the child processes of this
+    process do not inherit it.
     """
     stated = os.environ.pop(_VARIABLE, '')
     parent = int(stated or 0) if parent is None else parent

@@ -8,8 +8,9 @@ _LONGEST = 500  # default of the largest number of characters in a line
 def one_line(text: object, longest: int = _LONGEST) -> str:
     """Return a text as one printable line.
 
-    If the text has more than `longest` characters, its middle is replaced by an ellipsis. Control
-    characters are replaced by escape sequences, because a terminal would execute them.
+    If the text has more than `longest` characters, its middle is replaced by an ellipsis. Each run
+    of whitespace, such as a line break, is replaced by one space. All other characters that are not
+    printable are replaced by escape sequences, because a terminal would execute control characters.
     """
     line = str(text)
     if len(line) > longest:

@@ -39,7 +39,8 @@ class Settings:
 
     The fields are declared by `parameter`. A field with the name `name` contains the key of the
     mapping in its enclosing mapping. `format` is the version of the file format. A file without a
-    version has version 1. `unknown` contains the values of unknown keys.
+    version has version 1. `unknown` contains the values of unknown keys by key. It is empty unless
+    the file has a newer format, because otherwise an unknown key is refused.
     """
 
     format: ClassVar[int] = 1
@@ -55,7 +56,10 @@ class Settings:
 
 
 def read_settings(source: Path | str, kind: type[_Kind]) -> _Kind:
-    """Return the settings in a file or a text. Raises `SettingsError` if they are invalid."""
+    """Return the settings in the file with a path, or in a text.
+
+    Raises `SettingsError` if the file cannot be read, or if the settings are invalid.
+    """
     with opened(source) as content:
         return settings_of(kind, content)
 
@@ -71,7 +75,10 @@ def write_settings(path: Path, settings: Settings, mode: int = 0o644) -> None:
 
 
 def plain(value: Any) -> Any:
-    """Convert settings, or a value in them, to JSON types, including the values of unknown keys."""
+    """Convert settings, or a value in them, to JSON types, including the values of unknown keys.
+
+    The field `name` of settings is omitted, because it is the key of their mapping in a file.
+    """
     if isinstance(value, Settings):
         entries = _fields(cast(Any, type(value))).items()
         own = {key: getattr(value, each.name) for key, (each, _) in entries if key != 'name'}
@@ -105,9 +112,9 @@ def settings_of(kind: type[_Kind], content: Any, *path: Any, newer: bool = False
     """Return the settings in a mapping. Raises `SettingsError` if they are invalid.
 
     `path` contains the keys that lead to the mapping in its file. If a value is absent or empty,
-    the field gets its default. An unknown key is refused, because it is probably a typing error.
-    However, it is kept if the file has a newer format. `newer` is true if an enclosing mapping has
-    stated a newer format.
+    the field gets its default; a field without a default is then invalid. An unknown key is
+    invalid, because it is probably a typing error. However, it is kept in `unknown` if the file has
+    a newer format. `newer` is true if an enclosing mapping has stated a newer format.
     """
     content, known = kind.prepared(content), _fields(cast(Any, kind))
     if not isinstance(content, dict):

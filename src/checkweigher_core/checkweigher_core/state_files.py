@@ -23,7 +23,7 @@ def state_file(name: str) -> Path:
     Raises
     ------
     RuntimeError
-        If the user has no home folder.
+        If XDG_STATE_HOME is not set, and the user has no home folder.
     """
     state = os.environ.get('XDG_STATE_HOME') or '~/.local/state'
     return Path(state, 'checkweigher', re.sub(r'[^\w.-]', '_', name)).expanduser()
@@ -40,12 +40,12 @@ def replace_file(path: Path, parts: Iterable[bytes], mode: int = 0o644) -> None:
 
 @contextmanager
 def replacing(path: Path, mode: int = 0o644) -> Iterator[BinaryIO]:
-    """Open a temporary file, which takes the name `path` at the end of the block.
+    """Open a temporary file, and rename it to `path` when the context ends.
 
-    If the block raises an exception, an existing file is left unchanged. A power cut during the
-    block leaves either the complete old file or the complete new file. A power cut after the block
-    leaves the new file. `mode` contains the permissions of the file. Raises OSError if the file
-    cannot be written.
+    If the body of the ``with`` statement raises an exception, the temporary file is removed, and an
+    existing file `path` is left unchanged. A power cut before the context has ended leaves either
+    the complete old file or the complete new file. A later power cut leaves the new file. `mode`
+    contains the permissions of the new file. Raises OSError if the file cannot be written.
     """
     number, name = tempfile.mkstemp(prefix=f'.{path.name}-', dir=path.parent)
     try:
@@ -68,9 +68,10 @@ def sync_folder(path: Path) -> None:
 
 
 def make_folder(path: Path, mode: int = 0o777) -> None:
-    """Make a folder and its parents, and flush them to the disk.
+    """Make a folder and its missing parents, and flush them to the disk.
 
-    `mode` contains the permissions of the folder. Raises OSError if the folder cannot be made.
+    `mode` contains the permissions of the folder. The parents get the default permissions. A folder
+    that exists is left unchanged. Raises OSError if a folder cannot be made.
     """
     if not path.is_dir():
         make_folder(path.parent)
@@ -80,9 +81,11 @@ def make_folder(path: Path, mode: int = 0o777) -> None:
 
 @contextmanager
 def changing(path: Path) -> Iterator[None]:
-    """Lock the folder of a file while the block reads, changes and writes the file.
+    """Lock the folder of a file until the context ends.
 
-    Another process that calls this function for a file in the folder waits until the block ends.
+    The body of the ``with`` statement can therefore read, change and write the file. Another
+    process that calls this function for a file in the folder waits until the context ends. Raises
+    OSError if the folder cannot be opened.
     """
     with _opened(path.parent) as folder:
         fcntl.flock(folder, fcntl.LOCK_EX)

@@ -21,8 +21,9 @@ def opened(source: Path | str) -> Iterator[Any]:
     Raises
     ------
     SettingsError
-        If the file cannot be read or parsed, or if the block raises a ValueError. The message
-        states the file name and, if it is known, the line.
+        If the file cannot be read or parsed, or if the body of the ``with`` statement raises a
+        ValueError or an OSError. The message states the path, if `source` is a path, and the line,
+        if it is known.
     """
     place, text = f'{source}: ' if isinstance(source, Path) else '', ''
     try:
@@ -111,7 +112,10 @@ def yaml_text(content: Any) -> str:
 
 
 def _line(text: str, path: tuple[Any, ...]) -> int:
-    """Return the line number of a field, or of the innermost existing field that encloses it."""
+    """Return the line number of a field, or of the innermost existing field that encloses it.
+
+    The result is 1 if there is no such field, or if the lines of the text are unknown.
+    """
     line, node = 1, None
     if '\n' in text.strip():
         with suppress(yaml.YAMLError, RecursionError):  # JSON that is not valid YAML gets line 1

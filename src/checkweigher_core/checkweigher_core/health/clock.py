@@ -12,23 +12,29 @@ _MAX_BLOCKS = 20_000  # largest number of blocks from which sample rate and pace
 RATE_SPAN = 10.0  # time in s over which rates are computed
 SHORTEST_SPAN = 2.0  # shortest time in s over which a rate is computed
 _REPLAY = 0.1  # difference of the pace from 1 above which a replay is assumed
-_CLOCK_BIN = 5.0  # duration of a bin in s; at least one message in each bin is not delayed
+# Duration of a bin in s. It is assumed that at least one message in each bin is not delayed.
+_CLOCK_BIN = 5.0
 _CLOCK_SPAN = 300.0  # time in s over which the drift is computed
 _DRIFT_LIMIT = 500e-6  # largest relative drift; the drift of a crystal is less than 100e-6
 _DRIFT_BINS = 6  # smallest number of bins from which a drift is computed
 _PACE_BINS = 3  # smallest number of bins from which the pace is computed
 _JITTER_LIMIT = 0.5  # largest jitter in s
-_START = 5.0  # time in s after the first block before jitter is measured, because nodes start
+# Time in s after the first block in which jitter is not measured, because starting nodes delay the
+# blocks.
+_START = 5.0
 _EYE_OFFSET_LIMIT = 0.1  # largest difference in s between the delays of edges and samples
 _FEWEST_EDGES = 4  # smallest number of edges from which their delay is computed
-_CLOCK_STEP = 0.5  # smallest difference in s between stamp and index if the clock was set
+# Difference in s between the stamp of a block and the stamp predicted from its index, above which
+# the clock of the stamps is assumed to have been set.
+_CLOCK_STEP = 0.5
 
 
 class ClockWatch:
     """Comparison of the stamps of samples and edges with their times of arrival.
 
-    The delay of a block is the time from its last sample to its arrival. The shortest delay in a
-    few seconds is that of a message that did not wait, so it changes only if a clock drifts. The
+    The delay of a block is the time from its last sample to its arrival. It is known only up to a
+    constant, because the stamps and the arrivals may be on different clocks. The shortest delay in
+    a few seconds is that of a message that did not wait, so it changes only if a clock drifts. The
     pace is the rate at which the stamps advance, relative to the clock of this machine.
     """
 
@@ -47,7 +53,11 @@ class ClockWatch:
         self._bin = (math.nan, math.inf)  # start and shortest delay in s of the present bin
 
     def add(self, came: float, block: SampleBlock) -> None:
-        """Add a block that arrived at time `came` in s."""
+        """Add a block that arrived at time `came` in s.
+
+        If its stamp does not match its index, the clock was set, and all earlier values are
+        discarded.
+        """
         if self._blocks:
             _, stamp, index = self._blocks[-1]
             expected = stamp + (block.first_index - index) * NANOSECONDS / self._rate
@@ -83,8 +93,9 @@ class ClockWatch:
         """Return the pace of the stamps, NaN if unknown.
 
         The pace is computed from `slope`, the trend of the shortest delays, as soon as enough bins
-        are complete. The arrival times of all blocks are less suitable, because after a halt the
-        blocks arrive too fast for a while.
+        are complete. Until then, it is computed from the stamps and the arrivals of the oldest and
+        the latest recent block. This is less suitable, because after a halt the blocks arrive too
+        fast for a while.
         """
         if len(self._bins) >= _PACE_BINS:
             return 1.0 - slope

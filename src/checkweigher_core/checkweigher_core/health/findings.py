@@ -46,7 +46,8 @@ class Finding:
     level: Level
     text: str  # description of the problem or of the normal state, in one line
     hint: str = ''  # advice for the technician; empty if there is no problem
-    values: Mapping[str, float | str] = field(default_factory=dict)  # figures by name with unit
+    # Numbers and texts by name. The name of a number with a unit ends with it, as in ``free_gb``.
+    values: Mapping[str, float | str] = field(default_factory=dict)
 
     @property
     def message(self) -> str:
@@ -85,7 +86,11 @@ T = TypeVar('T')
 
 
 class Recent(deque[tuple[float, T]]):
-    """Entries of the last `duration` s with their times in s, but at most `limit` entries."""
+    """Entries of the last `duration` s with their times in s, but at most `limit` entries.
+
+    An entry that is too old is removed by the next call of `forget`. If there are too many entries,
+    the oldest is removed.
+    """
 
     def __init__(self, duration: float = MINUTE, limit: int = _MAX_VALUES) -> None:
         super().__init__(maxlen=limit)
@@ -141,7 +146,7 @@ class RecentValues(Recent[float]):
 
     @property
     def slope(self) -> float:
-        """Theil-Sen slope of the values per second, NaN if all times are equal.
+        """Theil-Sen slope of the values per second, NaN if no two values have different times.
 
         The Theil-Sen estimator is robust against up to 29 % outliers.
         """
@@ -157,7 +162,7 @@ class RecentValues(Recent[float]):
 class RecentItems(Recent[tuple[str, ...]]):
     """Results of the last `count` items, with the reasons why items failed.
 
-    An item is removed after `duration` s.
+    An item that is older than `duration` s is removed by the next call of `forget`.
     """
 
     def __init__(self, count: int = 50, duration: float = 10 * MINUTE) -> None:
@@ -174,7 +179,7 @@ class RecentItems(Recent[tuple[str, ...]]):
 
     @property
     def failed_in_a_row(self) -> int:
-        """Number of consecutive failed items, up to and including the latest item."""
+        """Number of consecutive failed items up to the latest item, 0 if the latest succeeded."""
         return sum(1 for _ in takewhile(lambda entry: entry[1], reversed(self)))
 
     def main_reason(self, count: int) -> str:

@@ -27,7 +27,11 @@ class ClockSteps:
         self._offset = self._difference()
 
     def step(self) -> float:
-        """Return by how many s the clock was set since the previous call, 0 if it was not set."""
+        """Return the step of the clock in s since the previous call, positive for a forward step.
+
+        The result is 0 if the clock was not set, or was set by less than 0.5 s in total. The first
+        call returns the step since the detector was created.
+        """
         before, self._offset = self._offset, self._difference()
         step = self._offset - before
         return step if abs(step) >= _STEP else 0.0
@@ -42,7 +46,7 @@ class HostClock:
     """Monitor of the clock of this host.
 
     A call of `finding` starts the command chronyc in a separate process, and a later call reads its
-    output. The node therefore never waits for chronyc.
+    output, so that the node never waits for chronyc. The process is killed after 10 s.
     """
 
     def __init__(self, command: Sequence[str] = COMMAND) -> None:

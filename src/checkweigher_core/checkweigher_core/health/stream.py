@@ -72,7 +72,7 @@ class SampleWatch:
         self.clock.look(now)
 
     def add(self, came: float, block: SampleBlock) -> None:
-        """Add a block that arrived at time `came` in s."""
+        """Add a block that arrived at time `came` in s. An empty block is ignored."""
         size, first, limits = len(block.counts), block.first_index, self.load_cell
         if not size:
             return
@@ -159,7 +159,10 @@ class EyeWatch:
             self._blocked.pop(eye, None)
 
     def restart(self) -> None:
-        """Reset the states of the eyes, because a new stream begins."""
+        """Discard the states and the recent edges of the eyes, because a new stream begins.
+
+        The total numbers of edges are kept.
+        """
         self._recent = {eye: RecentValues() for eye in Eye}
         self._blocked: dict[Eye, float] = {}
 
