@@ -127,8 +127,9 @@ class StreamStatus:
     `stream` is the number of the stream, and `stamp` is the stamp of the latest block. The driver
     counts the `samples` and `edges` that it has sent in this stream. The segmenter counts the
     samples and edges that it has processed. `items` is the number of windows that the segmenter has
-    sent in all streams. `last_edge` is the latest edge that the segmenter has assigned to an item.
-    `text` is a fault message of the driver, or empty.
+    sent in all streams, and is 0 in a status of the driver. `last_edge` is the stamp of the latest
+    edge that the segmenter has assigned to an item. It is None if there is no such edge, and in a
+    status of the driver. `text` is a fault message of the driver, or empty.
     """
 
     stamp: Stamp
@@ -160,8 +161,9 @@ class MachineConditions:
 class ExternalReject:
     """Rejection of an item by an inspection device.
 
-    If `item_id` is 0, the rejected item is the item that was at the `device` at time `stamp`.
-    `text` contains details of the finding, or is empty.
+    `device` is the name of the device. If `item_id` is 0, the rejected item is the item that was at
+    the device at time `stamp`. Otherwise `stamp` may be None. `text` contains details of the
+    finding, or is empty.
     """
 
     stamp: Stamp | None

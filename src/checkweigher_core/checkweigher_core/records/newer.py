@@ -9,7 +9,10 @@ T = TypeVar('T')
 
 
 def newer(default: T) -> T:
-    """Return a field of a dataclass with its value in older messages and files."""
+    """Return a dataclass field that older messages and files lack.
+
+    `default` is the value of the field in a record that is read from such a message or file.
+    """
     return field(default=default, metadata={'newer': True})
 
 

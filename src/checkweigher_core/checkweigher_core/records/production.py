@@ -28,8 +28,11 @@ class ProductOnLine:
 
     Masses are in kg and include the packaging. Lengths are in m, speeds in m/s. `product` is empty
     while no product is selected. If `needed` is true, no item is accepted while `product` is empty.
-    The fields `batch_items` to `batch_surplus` are the totals of the batch so far (see
-    `BatchTally`).
+    `nominal` is 0 if it is unknown. `tu1` is the limit TU1 of directive 76/211/EEC, 0 without a
+    quota, and `tu1_quota` is the largest allowed share of items below TU1 among the accepted items.
+    If `mean_value` is true, the batch mean must never be below `nominal`. If `performance_test` is
+    true, all items are rejected, because a performance test is running. The fields `batch_items` to
+    `batch_surplus` are the totals of the batch so far (see `BatchTally`).
     """
 
     stamp: Stamp
@@ -58,11 +61,14 @@ class PerformanceTest(NanEqual):
     """State of the performance test that a recipe requires. Stamps are on the system clock.
 
     `stamp` is the time at which the state began or, while a test is running, the time of its latest
-    pass. `text` states why a test is due or has failed. `who` is the person who made the last test.
-    The next test is due at `due`, and the line stops at `stop_at` if no test has passed by then.
-    `last` is the end of the last test that passed. Masses are in kg. `errors` contains the weighing
-    error of each pass, NaN for a pass without a mass. A test passes if the test product was weighed
-    `passes` times, and the absolute value of each error is at most `limit`.
+    pass. `text` states why a test is due or has failed; otherwise it is empty. `who` is the person
+    who makes the running test or has made the last test, or is empty before the first test. The
+    next test is due at `due`, and the line stops at `stop_at` if no test has passed by then; both
+    are None if no due time is set. `last` is the end of the last test that passed, None if none has
+    passed. `mass` is the mass of the test product in kg. `errors` contains the weighing error in kg
+    of each pass of the running or the last test, NaN for a pass without a mass. A test passes if
+    the test product was weighed `passes` times, and the absolute value of each error is at most
+    `limit`, in kg. Without a required test, `mass` and `limit` are NaN, and `passes` is 0.
     """
 
     stamp: Stamp

@@ -85,7 +85,11 @@ class StopReason(StrEnum):
 
 
 def hint_of(reason: str) -> str:
-    """Return the hint for a reason, which may be unknown if another version sent the message."""
+    """Return the hint for a reason why an item was rejected.
+
+    A reason that is not a `Reason`, because another version sent the message, gets a hint that says
+    so.
+    """
     known = reason in Reason.__members__.values()
     return Reason(reason).hint if known else 'a reason that this version does not know'
 

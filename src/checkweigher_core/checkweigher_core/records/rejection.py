@@ -56,7 +56,7 @@ class Verdict(NanEqual):
 
     @property
     def time(self) -> int | None:
-        """Time of the item in ns: t3, or t1 if t3 is unknown."""
+        """Time of the item in ns: t3, or t1 if t3 is unknown, or None if both are unknown."""
         return self.t3 or self.t1
 
 
@@ -75,7 +75,7 @@ class StopRequest:
 
     @property
     def hint(self) -> str:
-        """Advice for the technician."""
+        """Advice for the technician, followed by `text` if there is any."""
         return f'{self.reason.hint}: {self.text}' if self.text else self.reason.hint
 
 

@@ -40,7 +40,9 @@ class VerificationStep:
     """Step of a verification, plan of a verification, or identity of the machine.
 
     `stamp` is the end of the step, or the stamp of the latest sample if the step has not ended.
-    `text` is the plan as YAML, the identity as JSON, or the reason why a step was skipped.
+    `step` is the name of the step, or empty for a plan or an identity. `begin` is the beginning of
+    a step whose state is BEGUN or DONE; otherwise it is None. `text` is the plan as YAML, the
+    identity as JSON, or the reason why a step was skipped; otherwise it is empty.
     """
 
     stamp: Stamp

@@ -38,7 +38,8 @@ class WeighWindow(NanEqual):
     """Signal of one item, with its times, speed and length from the photo-eyes.
 
     `counts` contains the readings in counts from before t1 until after t3, and is empty if the item
-    cannot be weighed. `denoised` contains the denoised signal in kg, and is empty until the stage
+    cannot be weighed. The fields `empty_begin`, `window_begin` and `window_end` are positions in
+    this array. `denoised` contains the denoised signal in kg, and is empty until the stage
     denoise has added it. `zero_std_dev` includes the effect of the uncertain lag of the load behind
     the edges.
     """
@@ -57,9 +58,9 @@ class WeighWindow(NanEqual):
     zero_std_dev: float = math.nan  # standard deviation of `zero` in counts
     first_index: int = 0  # index of counts[0] in the stream
     stamp: Stamp = 0  # time of counts[0] minus the lag of the load behind the edges
-    empty_begin: int = 0  # position in counts of the first sample after the previous item has left
-    window_begin: int = 0  # position in counts of the first sample at or after t2
-    window_end: int = 0  # position in counts of the first sample at or after t3
+    empty_begin: int = 0  # position of the first sample after the previous item has left
+    window_begin: int = 0  # position of the first sample at or after t2
+    window_end: int = 0  # position of the first sample at or after t3
     counts: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))  # shape (n,)
     denoised: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     reasons: tuple[str, ...] = ()  # reasons why the item cannot be weighed; empty if it can be
@@ -70,7 +71,7 @@ class WeighWindow(NanEqual):
         return self.force_between(0, len(self.counts))
 
     def force_between(self, begin: int, end: int) -> NDArray[np.float64]:
-        """Return the part of `force` from position `begin` up to `end`."""
+        """Return the part of `force` from position `begin` up to, but not including, `end`."""
         force = self.counts[begin:end].astype(np.float64)
         force -= self.zero
         force /= self.counts_per_kg
@@ -81,8 +82,11 @@ class WeighWindow(NanEqual):
 class MassEstimate(NanEqual):
     """Mass of one item with its standard deviation, or the reasons why it has no mass.
 
-    `mass`, `std_dev`, `b1` and `zero` (relative to the zero of the calibration) are in kg.
-    `natural_frequency` is in Hz. A coefficient that the estimator does not identify is NaN.
+    `mass`, its standard deviation `std_dev`, `b1`, and the tracked `zero` relative to the zero of
+    the calibration are in kg. `a1`, `a2` and `b1` are the coefficients of the identified model
+    x(k) = -a1 x(k-1) - a2 x(k-2) + b1 u(k-1) of the weigh platform, whose input u is 1 while the
+    item is fully on the belt. `natural_frequency` in Hz and `damping_ratio` are properties of this
+    model. A value that the estimator does not identify is NaN.
     """
 
     item_id: int
@@ -105,7 +109,7 @@ class MassEstimate(NanEqual):
 
     @property
     def weighed(self) -> bool:
-        """Whether the item has a mass."""
+        """Whether the item has a mass, which is the case if there are no `reasons`."""
         return not self.reasons
 
 
