@@ -11,7 +11,10 @@ from checkweigher_core.ros.graph.discovery import set_profiles
 
 
 def _set_log_folder() -> None:
-    """Make rcl write its logs to a temporary folder if the user has no writable home folder."""
+    """Make rcl write its logs to a temporary folder if the user has no writable home folder.
+
+    A folder that the user has set by ROS_LOG_DIR or ROS_HOME is used instead.
+    """
     home = os.environ.get('HOME', '')
     given = os.environ.get('ROS_LOG_DIR') or os.environ.get('ROS_HOME')
     if not given and not (home and os.access(home, os.W_OK)):

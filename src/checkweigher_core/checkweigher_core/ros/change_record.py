@@ -43,7 +43,9 @@ class ChangeRecord:
     async def write(self, kind: str, subject: str, value: object) -> str:
         """Write an entry before a change is made.
 
-        Returns the reason why the change must not be made, or an empty string.
+        Returns the reason why the change must not be made, or an empty string if it may be made. If
+        the service is not discovered within 3 s after the start of the node, the lane has no audit
+        log, and the change may be made without an entry.
         """
         self.look()
         while not self._needed and time.monotonic() - self._began < _DISCOVERY:

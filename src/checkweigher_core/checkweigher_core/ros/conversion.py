@@ -50,9 +50,10 @@ class _Form:
 
 
 def _with_reason(message: Any, estimate: records.MassEstimate) -> records.MassEstimate:
-    """Return an estimate, with the reason Unknown if a mass and a reason are missing.
+    """Return an estimate, which gets the reason Unknown if it has neither a mass nor a reason.
 
-    An impossible mass counts as missing.
+    A mass counts as missing if the status of the message is not WEIGHED, or if the mass is not
+    above 0 kg and at most `records.MAX_MASS`.
     """
     weighed = message.status == _WEIGHED and 0 < estimate.mass <= records.MAX_MASS
     return estimate if weighed or estimate.reasons else replace(estimate, reasons=('Unknown',))
@@ -97,7 +98,8 @@ _FORMS: dict[type, _Form] = {
 def to_message(port: Port, record: Any, *, stamp: int | None = None) -> Any:
     """Return the rclpy message of a record, or the message that stands for None.
 
-    If the record has no stamp, `stamp` in ns becomes the stamp of the header.
+    If the record has no field for the stamp, `stamp` in ns becomes the stamp of the header; None is
+    an unknown stamp.
     """
     message = port.type()
     if record is None and port.record is not None:
@@ -130,7 +132,8 @@ def to_record(port: Port, message: Any) -> Any:
     Raises
     ------
     ValueError
-        If a value is impossible in the record, such as a photo-eye that does not exist.
+        If a value is impossible in the record, such as a photo-eye that does not exist, or if a
+        text, a list or an array is too long.
     """
     assert port.record is not None, f'{port.name} has no record'
     return _record(port.record, message)
@@ -251,7 +254,8 @@ def _text(value: str) -> str:
 def _time(stamp: int | None) -> dict[str, int]:
     """Return the fields of a time message for a stamp in ns. An unknown stamp has the fields 0.
 
-    A stamp after January 2038, which a time message cannot contain, counts as unknown.
+    A time message cannot contain a stamp before December 1901 or after January 2038. Such a stamp
+    counts as unknown.
     """
     sec, nanosec = divmod(int(stamp or 0), records.NANOSECONDS)
     held = -(2**31) <= sec < 2**31
@@ -259,7 +263,7 @@ def _time(stamp: int | None) -> dict[str, int]:
 
 
 def stamp_from(time: Any) -> int:
-    """Return the stamp of a time message in ns."""
+    """Return the stamp of a time message in ns, which is 0 if the time is unknown."""
     return int(time.sec) * records.NANOSECONDS + int(time.nanosec)
 
 
@@ -275,7 +279,7 @@ def _bounded(field: Any, most: int = _MOST) -> Any:
 
 
 def _shared(field: Any, dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Return the array of a field without copying it.
+    """Return the array of a field without copying it. Raises ValueError if it is too long.
 
     The array is read-only, because other nodes may use the same message.
     """

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Access to the parameters of other nodes of the lane."""
+"""Access to the parameters of other nodes of the lane, and detection of nodes that start."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -22,7 +22,7 @@ class RefusedError(Exception):
 
 
 class HalfSetError(RefusedError):
-    """Raised if a node refuses a change, and not all changes can be undone."""
+    """Raised if a node refuses a change or does not answer, and not all changes can be undone."""
 
 
 class LineParametersClient:
@@ -62,8 +62,8 @@ class LineParametersClient:
     async def set(self, changes: Mapping[str, Values]) -> None:
         """Set parameters of several nodes, either all of them or none.
 
-        If a node refuses a change, all changes are undone and `RefusedError` is raised. If a change
-        cannot be undone, `HalfSetError` is raised.
+        If a node is missing, refuses a change or does not answer, all changes are undone, and
+        `RefusedError` is raised. If a change cannot be undone, `HalfSetError` is raised.
         """
         for node in changes:
             if not self.ready(node):
@@ -120,7 +120,11 @@ class LineNodes:
         self._known: set[bytes] = set()
 
     def started(self) -> set[str]:
-        """Return the nodes that have started since the previous call."""
+        """Return the names of the nodes that have started since the previous call.
+
+        The first call returns all running nodes. A publisher is ignored while another process holds
+        the place of its node, because it may be left over from a process that has ended.
+        """
         found = set()
         domain = self._node.context.get_domain_id()
         for each in self._node.get_publishers_info_by_topic('/parameter_events'):
@@ -135,7 +139,11 @@ class LineNodes:
 
 
 async def in_time(node: Node, group: CallbackGroup, future: Future, patience: float) -> Any:
-    """Return the result of a future, or None if it is not done within `patience` s."""
+    """Return the result of a future, or None if it is not done within `patience` s.
+
+    In the second case, the future is cancelled. The timer for it belongs to the callback group
+    `group` of `node`.
+    """
     timer = node.create_timer(patience, future.cancel, callback_group=group)
     try:
         return await future

@@ -89,7 +89,10 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
         return self._attempt('clean up', self.clean_up, 'unconfigured', _ERROR)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Make the outputs safe before the node is finalized."""
+        """Make the outputs safe before the node is finalized.
+
+        After a failure rclpy calls `on_error`.
+        """
         return self._attempt('shut down', self._release, 'finalized', _ERROR)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:

@@ -76,8 +76,9 @@ class HeldOutput(Output):
     immediately. An input in the same process is a consumer. A subscriber in another process is a
     consumer if its node also publishes messages of the type of the port `answer`. A recorder is
     therefore not a consumer. If `answer` is None, or if no consumer has been discovered within 5 s
-    after the first subscriber, any subscriber counts as a consumer. The function `before` is called
-    with each record just before the record is sent.
+    after the first subscriber, any subscriber counts as a consumer. At most 10,000 records are
+    kept; of more records, the oldest are lost. The function `before` is called with each record
+    just before the record is sent.
     """
 
     def __init__(
@@ -92,7 +93,10 @@ class HeldOutput(Output):
         self._matched = (0, 0.0)  # number of subscribers, and time in s of its last change
 
     def send(self, record: Any, **header: Any) -> None:
-        """Send a record now, or as soon as a consumer has been discovered."""
+        """Send a record now, or as soon as a consumer has been discovered.
+
+        `header` is used only for a record that is sent now.
+        """
         with LOCK:
             if self._held is not None:
                 self._held.append(record)

@@ -172,8 +172,9 @@ class PortNode(Node):
 
         The coroutine function `work` is called with the goal, the result to fill in, and a function
         that publishes feedback with the values of its keyword arguments. If `work` refuses the goal
-        or fails, it raises `ValueError` with the reason, which becomes the `message` of the result.
-        The function `cancel` makes `work` end early.
+        or fails, it raises `ValueError` with the reason, which becomes the `message` of the result,
+        and the goal is aborted. The function `cancel` is called when a client cancels the goal, and
+        makes `work` end early. The goal is then canceled, even if `work` raises `ValueError`.
         """
         own, end = locked(work), locked(cancel)
 

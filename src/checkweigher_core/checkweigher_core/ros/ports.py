@@ -319,7 +319,7 @@ RESTART_LINE = 'restart_line'
 CANCEL_PASSES = 'cancel_passes'
 SHOW_TUNED, ACCEPT_TUNED = 'show_tuned', 'accept_tuned'
 CANCEL_VERIFICATION = 'cancel_verification'
-# Services with types of their own. Only acknowledge_alarms has the type std_srvs/srv/Trigger.
+# Services with types of their own, except acknowledge_alarms, whose type is std_srvs/srv/Trigger.
 CALIBRATE_SPAN = 'calibrate_span'
 FINISH_CALIBRATION = 'finish_calibration'
 BEGIN_VERIFICATION, ANSWER_VERIFICATION = 'begin_verification', 'answer_verification'

@@ -45,9 +45,10 @@ def run_all(
     """Run several nodes in one process until SIGINT, SIGTERM or SIGHUP.
 
     The nodes start in the order in which `make_nodes` returns them, and shut down in reverse order.
-    After the start, a signal only wakes the main thread, which then shuts down the nodes. The
-    signal handlers of rclpy are not used, because they would destroy the context during a callback.
-    KeyboardInterrupt is not raised, because it would interrupt a callback. The exit status of the
+    While the nodes are made, a signal raises KeyboardInterrupt, which ends the process. After that,
+    a signal only wakes the main thread, which then shuts down the nodes. KeyboardInterrupt is then
+    not raised, because it would interrupt a callback. The signal handlers of rclpy are not used,
+    because they would destroy the context during a callback. The exit status of the
     process is 2 if a node cannot start, and 1 if the executor fails.
     """
     stopping = threading.Event()

@@ -21,8 +21,8 @@ class Spinner:
     """Thread with an executor of rclpy for some nodes.
 
     With the nodes of a line, each wake of the executor takes 1 ms or more, so frequent events must
-    not wake the executor. The thread calls the function `on_end` when it ends. `error` is the
-    exception that ended the thread, or None.
+    not wake the executor. Just before the thread ends, it calls the function `on_end`. `error` is
+    the exception that ended the thread, or None.
     """
 
     def __init__(self, on_end: Callable[[], None] = lambda: None) -> None:
@@ -65,7 +65,8 @@ class Spinner:
         """Call a function in the thread of the executor, and wait until the function returns.
 
         A function that destroys entities or cancels timers must run in this thread, because the
-        executor uses them. Raises RuntimeError if the function does not return within 10 s.
+        executor uses them. An exception of the function is raised again. Raises RuntimeError if the
+        function does not return within 10 s.
         """
         answer: Future[object] = Future()
 

@@ -36,6 +36,11 @@ class StageNode(PortNode, Generic[P]):
     If `read_only` is true, the parameters cannot change while the node runs. The parameter values
     `overrides` take precedence over values from the command line. If the lane has an audit log, the
     node writes a change of a parameter to this log before it makes the change.
+
+    Raises
+    ------
+    ParameterError
+        If a parameter is invalid, or if a node of this name runs already on this computer.
     """
 
     def __init__(
@@ -148,8 +153,8 @@ class StageNode(PortNode, Generic[P]):
     async def _set_recorded(self, changes: list[Parameter]) -> SetParametersResult:
         """Write a change of parameters to the audit log, then set all parameters or none.
 
-        A value that a parameter already has is not a change, and is accepted even if the parameter
-        is read-only.
+        If the entry cannot be written, no parameter is set. A value that a parameter already has is
+        not a change, and is accepted even if the parameter is read-only.
         """
         changes = [change for change in map(self._as_declared, changes) if change is not None]
         if changes and self._may_set(changes):

@@ -41,7 +41,9 @@ class Row:
     level: Level
     message: str
     values: tuple[tuple[str, str], ...] = ()
-    silence: float = 0.0  # time in s since the last message of a silent node, otherwise 0
+    # Time in s since the last message of a silent node or, if no node of the lane was heard, since
+    # the last call of `StatusBoard.expect`. For a node that is not silent, this is 0.
+    silence: float = 0.0
 
 
 class StatusBoard:
@@ -92,7 +94,8 @@ class StatusBoard:
     def rows(self, now: float) -> list[Row]:
         """Return all rows at time `now` in s, sorted from the worst to the best.
 
-        A silent node, or a stage that has sent no message, has only one row, which is STALE.
+        A node that has been silent for more than 3 s, or a stage that has sent no message, has only
+        one row, which is STALE.
         """
         with self._lock:
             nodes, expected = dict(self._nodes), dict(self._expected)

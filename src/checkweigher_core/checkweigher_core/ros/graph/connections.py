@@ -65,7 +65,11 @@ class Connections:
         return conclude('Connections', 'all connected', found, values)
 
     def _clashes(self, end: Input | Output, *, needed: bool) -> Iterator[Concern]:
-        """Yield a concern for each endpoint at the other end that has an incompatible QoS."""
+        """Yield a concern for each endpoint at the other end that has an incompatible QoS.
+
+        The concern is an error if `needed` is true, otherwise a warning. Each concern is logged
+        once.
+        """
         is_input = isinstance(end, Input)
         for other in self._others(end):
             pair = (other.qos_profile, end.qos) if is_input else (end.qos, other.qos_profile)
@@ -83,7 +87,10 @@ class Connections:
                 )
 
     def _others(self, end: Input | Output) -> list[Any]:
-        """Return the endpoints at the other end, or an empty list if all are connected."""
+        """Return the endpoints at the other end, or an empty list if all are connected.
+
+        The list is also empty for an input whose records are passed by function calls.
+        """
         node, name = self._node, end.topic_name
         if isinstance(end, Output):
             if node.count_subscribers(name) <= end.publisher.get_subscription_count():

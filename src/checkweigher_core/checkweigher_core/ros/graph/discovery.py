@@ -65,7 +65,11 @@ def profiles(environment: Mapping[str, str]) -> str:
 
 
 def peers(environment: Mapping[str, str]) -> list[tuple[str, int]]:
-    """Return the addresses and ports to contact, or an empty list if multicast is used."""
+    """Return the addresses and ports to contact, or an empty list if multicast is used.
+
+    The addresses are that of this computer and those in ROS_STATIC_PEERS, of which only IPv4
+    addresses are used.
+    """
     if environment.get('ROS_AUTOMATIC_DISCOVERY_RANGE') != 'LOCALHOST':
         return []
     named = environment.get('ROS_STATIC_PEERS', '').split(';')

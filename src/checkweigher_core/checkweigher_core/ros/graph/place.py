@@ -86,7 +86,8 @@ def _socket() -> socket.socket:
 
 
 def _address(domain: int, name: str, participant: bytes) -> str:
-    text = f'{domain} {name} {participant.hex()}'  # too long for an address of 107 bytes
+    # Hash the text, because an address has at most 107 bytes, and the text may be longer.
+    text = f'{domain} {name} {participant.hex()}'
     return f'\0checkweigher/{blake2b(text.encode(), digest_size=20).hexdigest()}'
 
 

@@ -26,7 +26,7 @@ OBSERVER = 'observer'  # enclave of commands that only subscribe
 PAGE = 'page'  # enclave of the page
 _PORTS = (*ports.ALL, ports.DYNAMIC_SETTING, ports.VERIFICATION_PROGRESS)
 _EVERY_NODE = frozenset({'/rosout', '/parameter_events'})
-# Topics to which nodes subscribe in addition to those of which a port names them as subscribers.
+# Topics to which nodes subscribe although the ports do not name these nodes as subscribers.
 _VIEWED: dict[str, tuple[Port, ...]] = {
     'status': (ports.DIAGNOSTICS,),
     'echo': (ports.MASS_ESTIMATE, ports.VERDICT, ports.REFERENCE_MASS),
@@ -125,9 +125,10 @@ def enclaves(lanes: Iterable[str]) -> dict[str, list[tuple[str, str]]]:
     """Return the enclaves of some lanes, each with the namespaces and names of its nodes.
 
     Each node of a lane has an enclave, except that `verify` uses the enclave of the verifier. A
-    process with all nodes of a lane has another enclave. The page and each gateway serve all lanes
-    from one process, with one enclave each. The commands `status` and `run --line` belong to no
-    lane, so their enclaves also exist without a lane.
+    process with all nodes of a lane has another enclave. Each lane also has an enclave for the
+    commands that only subscribe, and one for the command `run`. The commands `status` and `run
+    --line` belong to no lane, so their enclaves also exist without a lane. The page and each
+    gateway serve all lanes from one process, with one enclave each.
     """
     lanes = list(lanes)
     found: dict[str, list[tuple[str, str]]] = {}
