@@ -44,8 +44,8 @@ class LogChain:
 def read_chain(path: Path) -> LogChain:
     """Read an audit log and all earlier logs, each of which the first entry of the next log names.
 
-    Raises `AuditError` if `path` cannot be read. If an earlier log cannot be read, this is stated
-    in `fault`.
+    Raises `AuditError` if `path` cannot be read. The `fault` of the result names each log that is
+    not valid, that cannot be read, or whose last entry is not the one that the next log names.
     """
     logs: list[tuple[Path, Verification]] = [(path, read_log(path))]
     faults = []
@@ -86,7 +86,10 @@ def predecessor_of(entries: Sequence[Entry]) -> dict[str, object] | None:
 
 
 def logs_in(folder: Path) -> list[Path]:
-    """Return the paths of the audit logs in a folder."""
+    """Return the paths of the audit logs in a folder, sorted by name.
+
+    A log is recognised by its file `LOG.head`.
+    """
     return sorted(head.with_suffix('') for head in folder.glob('*.head'))
 
 
@@ -111,7 +114,8 @@ def name_predecessor(log: AuditLog, time: str, source: str) -> None:
 def _written_by(path: Path, source: str) -> Iterator[tuple[str, str, int, str]]:
     """Yield the last time, name, number of entries and last hash of each other log of `source`.
 
-    The log `path` is left out. The other logs are in the same folder.
+    The log `path` is left out. The other logs are in the same folder. Logs that cannot be read are
+    left out, as are entries after the first fault of a log.
     """
     for other in logs_in(path.parent):
         with suppress(AuditError):

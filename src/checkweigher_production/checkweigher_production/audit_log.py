@@ -87,7 +87,7 @@ class Verification:
 
     entries: tuple[Entry, ...]  # valid entries before the first fault
     bad_line: int = 0  # number of the first faulty line from 1, 0 if unknown or none
-    problem: str = ''  # 'changed', 'removed', 'inserted' or 'cut', or empty for a valid log
+    problem: str = ''  # 'changed', 'removed', 'inserted', 'cut' or 'seal'; empty for a valid log
     reason: str = ''  # description of the fault
     torn: bytes = b''  # incomplete entry at the end
     sha256: str = ''  # SHA-256 of the file, hexadecimal
@@ -104,7 +104,10 @@ def head_path(path: Path) -> Path:
 
 
 def read_log(path: Path, known_hash: str = '') -> Verification:
-    """Read and verify a log. Raises `AuditError` if the log cannot be read."""
+    """Read and verify a log. `known_hash` is used as in `verify`.
+
+    Raises `AuditError` if the log cannot be read. A fault of the log is not raised, but returned.
+    """
     data, head = read_consistent(path)
     return replace(verify(data, head, known_hash), sha256=hashlib.sha256(data).hexdigest())
 
@@ -230,7 +233,10 @@ def _parse_head(head: bytes, chain: _Chain) -> tuple[int, str]:
 
 
 def _check_head(chain: _Chain, head: bytes, *, ended: bool) -> None:
-    """Check that no entries are missing at the end. `LOG.head` may lack the last entry."""
+    """Raise `_FaultError` if entries are missing at the end, or if `LOG.head` does not fit the log.
+
+    `LOG.head` may lack the last entry. `ended` is whether the log ends with an end of line.
+    """
     count, line = len(chain.entries), chain.line
     sequence, digest = _parse_head(head, chain)
     if sequence > count:
@@ -253,8 +259,9 @@ def _check_head(chain: _Chain, head: bytes, *, ended: bool) -> None:
 class AuditLog(AbstractContextManager['AuditLog', None]):
     """Log that is open for appending, and locked against other processes.
 
-    Before an entry is written, the log and `LOG.head` are compared with their last known state. No
-    entry is written to a log that was replaced, shortened or changed.
+    If neither the log nor `LOG.head` exists, an empty log is created. Before an entry is written,
+    the log and `LOG.head` are compared with their last known state. No entry is written to a log
+    that was replaced, shortened or changed.
 
     Raises `AuditError` if the log cannot be opened, is open in another process, or is not valid.
 
@@ -341,7 +348,7 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
         who: str = '',
         why: str = '',
     ) -> Entry:
-        """Append an entry and sync the file to the disk.
+        """Append an entry, sync the file to the disk, and return the entry.
 
         `who` is the person who makes the change, by default ``graph:`` followed by `source`. `why`
         is the reason that the person gave. Raises `AuditError` if the entry cannot be written.

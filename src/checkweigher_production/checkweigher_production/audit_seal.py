@@ -75,7 +75,10 @@ def public_key(path: Path) -> Ed25519PublicKey:
 
 
 def _key(path: Path, kind: type, load: Callable[[], object], what: str) -> Any:
-    """Return the key that `load` returns. Raises `AuditError` if its class is not `kind`."""
+    """Return the key that `load` returns.
+
+    Raises `AuditError` if `load` fails, or if the class of the key is not `kind`.
+    """
     try:
         key = load()
     except (ValueError, TypeError, UnsupportedAlgorithm):
@@ -88,8 +91,8 @@ def _key(path: Path, kind: type, load: Callable[[], object], what: str) -> Any:
 def read_seals(path: Path, key: Ed25519PublicKey) -> tuple[Seal, ...]:
     """Check the signatures of the seals in a file, and return the seals.
 
-    Raises `AuditError` if the file cannot be read or is empty, a signature was not made with the
-    key, or a seal is missing.
+    Raises `AuditError` if the file cannot be read or is empty, a line is not a seal, a signature
+    was not made with the private key that belongs to `key`, or a seal is missing.
     """
     seals: list[Seal] = []
     previous = FIRST_PREVIOUS
@@ -127,8 +130,9 @@ def hold_to_seals(
 ) -> tuple[tuple[Seal, ...], Verification]:
     """Compare a log with its seals. Returns the seals, and `found` with the fault if there is one.
 
-    `found` is the result of verifying the log, and `path` is the file with the seals. Raises
-    `AuditError` if this file does not exist.
+    `found` is the result of verifying a valid log, and `path` is the file with the seals. If this
+    file cannot be read or contains an invalid seal, this is the fault, and no seals are returned.
+    Raises `AuditError` if the file does not exist.
     """
     if not path.exists():
         raise AuditError(f'{path}: there are no seals; name the file of the seals with --seals')

@@ -42,12 +42,19 @@ class Authors:
         self._callers: dict[str, tuple[Author, float]] = {}  # person and expiry time, by service
 
     def announce(self, author: Author, services: Sequence[str], now: float) -> None:
-        """Set the services that a person is about to call, instead of those announced before."""
+        """Set the services that a person is about to call.
+
+        They replace the services that were announced before for this person. An empty sequence
+        withdraws the announcement.
+        """
         others = {n: known for n, known in self._callers.items() if known[0].who != author.who}
         self._callers = others | dict.fromkeys(services, (author, now + self._patience))
 
     def of(self, service: str, otherwise: str, now: float) -> Author:
-        """Return the announced caller of a service, or the node `otherwise` if there is none."""
+        """Return the person announced as the caller of a service.
+
+        If nobody is announced, or the announcement has expired, the node `otherwise` is returned.
+        """
         author, until = self._callers.get(service, (None, now))
         return Author(f'graph:{otherwise}') if author is None or until < now else author
 
@@ -61,7 +68,8 @@ class AuditTrail:
 
     `note`, `state`, `parameters` and `recipes` must be called before a change is made. If they
     raise `AuditError`, the change must not be made. `saw` and `saw_state` are for changes that have
-    happened. The entries of past changes are written later if the log cannot be written at present.
+    happened. If the log cannot be written at present, the entries of these changes are written
+    later. At most 1,000 entries wait; of more entries, the oldest are lost.
     `trouble` is the reason why the log cannot be written at present, or empty.
     """
 
@@ -113,7 +121,10 @@ class AuditTrail:
             self.catch_up()
 
     def catch_up(self) -> None:
-        """Write the entries that could not be written before, and the number of refused changes."""
+        """Write the entries that could not be written before, and the number of refused changes.
+
+        Raises `AuditError` if the log still cannot be written.
+        """
         while self._owed:
             self._append(*self._owed[0])
             self._owed.popleft()
@@ -155,7 +166,10 @@ class AuditTrail:
             self.saw(kind, subject, old, value, by)
 
     def found(self, node: str, values: Mapping[str, object]) -> None:
-        """Write the parameters of a started node that differ from the last values in the log."""
+        """Write the parameters of a started node that differ from the last values in the log.
+
+        Raises `AuditError` if the log cannot be written.
+        """
         if new := self._changed(node, values):
             known = self._parameters.get(node, {})
             self.note(FOUND, node, {n: known[n] for n in new if n in known}, new)

@@ -116,7 +116,10 @@ class RecordState:
 
 
 def has_ended(value: Any) -> bool:
-    """Return whether an audit log value, which may be None, states that a record has ended."""
+    """Return whether an audit log value, which may be None, states that a record has ended.
+
+    In a log of an older version, the value of an ended record is a string.
+    """
     return isinstance(value, str) or (isinstance(value, dict) and value.get('event') == ENDED)
 
 
@@ -282,7 +285,11 @@ class RecordWriter:
         self._executor = ThreadPoolExecutor(1, 'batch record')
 
     def begin(self, batch: str, time: str, **others: object) -> None:
-        """Begin the record of a batch, and end the record of the previous batch."""
+        """Begin the record of a batch, and end the record of the previous batch.
+
+        `time` is written to both records, and `others` to the first line of the new record. Raises
+        `RecordError` if the name of the batch is too long.
+        """
         line = line_of('begin', {'time': time, 'batch': batch, **others})
         # The new record is created before the old one ends, so that a batch is always in progress.
         self._submit(self._create, record_path(self._folder, batch), line)
@@ -292,8 +299,8 @@ class RecordWriter:
     def resume(self, batch: str, time: str = '', states: Sequence[RecordState] = ()) -> None:
         """Continue the record of a batch, unless it has ended.
 
-        `states` contains the states of the record in the audit log. If it is broken, a line with
-        the fault and the time `time` is added.
+        `states` contains the states of the record in the audit log. If the record is broken, a line
+        with the fault and the time `time` is added, unless the record has such a line already.
         """
         self._submit(self._open, batch, CONTINUED, time, states)
 
@@ -315,7 +322,7 @@ class RecordWriter:
         self._submit(self._note)
 
     def end(self, time: str) -> None:
-        """End the record."""
+        """Write the last line of the record, and close the record."""
         self.write('end', {'time': time})
         self._submit(self._release, ENDED)
 
@@ -345,7 +352,10 @@ class RecordWriter:
             replace_file(path, [_with_hash(line, hashlib.sha256())])
 
     def _open(self, batch: str, event: str, time: str, states: Sequence[RecordState] = ()) -> None:
-        """Open the record of a batch, and remove an incomplete last line."""
+        """Open the record of a batch, and remove an incomplete last line.
+
+        A record that has ended is not opened; only its state is added to `states`.
+        """
         self._batch, self._path = batch, record_path(self._folder, batch)
         data = self._path.read_bytes()
         broken = fault_of(data, states)

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 SUBGROUP = 5
 # Number of items in the reference period, which sets the limits.
 REFERENCE = 20 * SUBGROUP
-# Number of successive means on one side of the centre line, or rising, or falling, which violates a
-# rule.
+# Number of successive means that violate a rule if all of them lie on one side of the centre line,
+# if each is above the mean before it, or if each is below it.
 _RUN = 7
 
 
@@ -44,11 +44,14 @@ def control_chart(
 ) -> ControlChart | None:
     """Return the control chart of masses in kg, which are in chronological order.
 
-    Returns None if `masses` or `reference` contains fewer than two subgroups of `SUBGROUP` masses.
-    The masses of the `reference` period, by default all masses, set the limits, so that the limits
-    do not follow a process that drifts. A limit has a distance of three standard deviations from
-    the centre line. The standard deviation of a mean or of a standard deviation of `SUBGROUP`
-    values is estimated from the mean of the standard deviations (A3 and B4 of ISO 7870-2, table 2).
+    Successive masses form subgroups of `SUBGROUP` masses. Masses after the last full subgroup are
+    ignored. Returns None if `masses` or `reference` contains fewer than two subgroups. The masses
+    of the `reference` period, by default all masses, set the limits, so that the limits do not
+    follow a process that drifts. The limits of the means are three standard deviations of a
+    subgroup mean below and above their centre line. The upper limit of the standard deviations of
+    the subgroups is three of their own standard deviations above their centre line. Both kinds of
+    standard deviations are estimated from the mean of the standard deviations of the subgroups (A3
+    and B4 of ISO 7870-2, table 2).
 
     Examples
     --------

@@ -86,7 +86,11 @@ class FillerController:
         self._on_the_way = 0
 
     def add(self, verdict: Verdict) -> FillerFeedback | None:
-        """Add an item. Return feedback if the item completes a subgroup, otherwise None."""
+        """Add an item. Return feedback if the item completes a subgroup, otherwise None.
+
+        Test products, items that were filled before the last step, and items without a valid mass
+        do not count for the subgroup.
+        """
         if Reason.PERFORMANCE_TEST in verdict.reasons:
             return None  # the test product was not filled by the filler
         if self._on_the_way:

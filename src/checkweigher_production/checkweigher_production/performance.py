@@ -80,13 +80,14 @@ class PerformancePlan(Parameters):
     def due(self, last: int | None, began: int, *, in_batch: bool) -> int | None:
         """Return the time in ns at which the next test is due.
 
-        Returns None if no test is due before the next batch. Shifts begin at local times of
-        the computer, which may change to summer time.
+        If no test of the product has passed yet, a test is due at `began`. Returns None if no test
+        is due before the next batch. Shifts begin at local times of the computer, which may change
+        to summer time.
 
         Parameters
         ----------
         last : int or None
-            Time in ns of the last test that passed, or None if no test has passed.
+            Time in ns of the last test of the product that passed, or None if none has passed.
         began : int
             Time in ns at which the product or the batch was selected.
         in_batch : bool
@@ -177,7 +178,11 @@ class PerformanceTests:
         self.advance(now)
 
     def take(self, verdict: Verdict, now: int) -> LastTest | None:
-        """Add a pass of the test product. Return the test if it is completed, otherwise None."""
+        """Add a pass of the test product. Return the test if it is completed, otherwise None.
+
+        Without a running test, and for a verdict without the reason PerformanceTest, nothing is
+        added. The error of a pass is NaN if its verdict has another reason as well.
+        """
         plan, test = self.plan, self.state
         if plan is None or not self.wanted or Reason.PERFORMANCE_TEST not in verdict.reasons:
             return None
@@ -233,7 +238,10 @@ class PerformanceTests:
 
 
 def passes(plan: PerformancePlan, errors: tuple[float, ...]) -> bool:
-    """Return whether all passes were made, and each error in kg is within the limit."""
+    """Return whether all passes were made, and the magnitude of each error is within the limit.
+
+    An error of NaN, as for a pass without a mass, is not within the limit.
+    """
     return len(errors) >= plan.passes and all(abs(each) <= plan.limit for each in errors)
 
 

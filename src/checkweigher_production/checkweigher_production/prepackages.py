@@ -94,13 +94,20 @@ def tolerable_negative_error(nominal: float) -> float:
 
 
 def limits(nominal: float) -> Limits:
-    """Return TNE, TU1 and TU2 for a nominal quantity of 0.005..10 kg."""
+    """Return TNE, TU1 and TU2 for a nominal quantity of 0.005..10 kg.
+
+    Raises `ValueError` for any other quantity.
+    """
     error = tolerable_negative_error(nominal)
     return Limits(nominal, error, nominal - error, nominal - 2 * error)
 
 
 def batch_of(masses: Sequence[float], done: str = 'judged') -> NDArray[np.float64]:
-    """Return masses as an array. Raises `ValueError` if it is empty or contains NaN or infinity."""
+    """Return masses as an array.
+
+    Raises `ValueError` if there are no masses, or if one is NaN or infinite. `done` is the verb of
+    the message for an empty batch.
+    """
     batch = np.array(masses, dtype=np.float64)
     if not len(batch):
         raise ValueError(f'a batch of no prepackages cannot be {done}')

@@ -112,7 +112,7 @@ class Product(NanEqual, Settings):
         maximum=_LARGEST_MASS,
     )
     # Limits in kg, NaN if 76/211/EEC has none for this nominal weight. A batch record contains the
-    # limits that applied when the batch began.
+    # limits that applied when the product was selected.
     tu1: float = parameter(
         math.nan, 'TU1, if it differs from the value of 76/211/EEC', unit='kg', minimum=0
     )
@@ -182,7 +182,11 @@ class Product(NanEqual, Settings):
                 )
 
     def _lower_limit(self) -> float:
-        """Return the lower limit in kg, which may be given in a recipe as TU1 or TU2."""
+        """Return the lower limit in kg, which may be given in a recipe as TU1 or TU2.
+
+        With a quota, the lower limit is TU2. Raises `SettingsError` if a quota is given together
+        with another lower limit, or if the directive has no limits for the nominal quantity.
+        """
         given: float | str = self.lower_limit
         if math.isfinite(self.tu1_quota):
             if math.isnan(self.tu1):
@@ -229,10 +233,10 @@ class Product(NanEqual, Settings):
     def unresolved(self, std_dev: float) -> str:
         """Return the reason why a scale cannot resolve the tolerances of the recipe, or ''.
 
-        `std_dev` is the stated standard deviation of a mass in kg, or NaN. Twice this deviation may
-        be at most a fifth of the tolerable negative error, as German FPackV (Annex 7, 1 b)
-        requires of the error of a scale. Three deviations, or the guard band if it is wider, may be
-        at most the distance of the nearer limit from nominal.
+        `std_dev` is the stated standard deviation of a mass in kg. If it is NaN, the result is ''.
+        Twice this deviation may be at most a fifth of the tolerable negative error, as German
+        FPackV (Annex 7, 1 b) requires of the error of a scale. Three deviations, or the guard band
+        if it is wider, may be at most the distance of the nearer limit from nominal.
         """
         fifth = (self.nominal - self.tu1) / 5
         if 2 * std_dev > fifth:
@@ -278,8 +282,9 @@ def given_recipes(path: Path) -> dict[str, dict[str, Any]]:
 def change_recipe(path: Path, name: str, keys: Mapping[str, Any] | None) -> None:
     """Add a product to a recipe file, replace its recipe, or remove it if `keys` is None.
 
-    Comments in the file are lost. Raises `SettingsError` if a recipe is not valid, and
-    `OutputError` if the file cannot be written. In both cases, the file is unchanged.
+    Comments in the file are lost. Raises `SettingsError` if a recipe is not valid, or if the
+    product to remove does not exist or is the only one, and `OutputError` if the file cannot be
+    written. In both cases, the file is unchanged.
     """
     with _locked(path):
         content = _content(path)
@@ -359,7 +364,11 @@ def _is_near(mass: float, nominal: float) -> bool:
 
 
 def _parameters(given: Mapping[str, Any] | None) -> Changes:
-    """Return the parameters by node. Combinations of values are not checked."""
+    """Return the parameters by node and name, with checked values.
+
+    Combinations of values are not checked. Raises `SettingsError` if a recipe must not set a
+    parameter, if there is no such node or parameter, or if a value is invalid.
+    """
     made: Changes = {}
     for node, section in (given or {}).items():
         if node not in NODES:

@@ -61,7 +61,10 @@ class Selection(Settings):
 
     @property
     def on_line(self) -> ProductOnLine | None:
-        """Selected product and its limits as the message for the reject node, or None."""
+        """Record of the selected product and its limits for the reject node.
+
+        None if `product` is None. The limits are those of the file, not those of the recipe.
+        """
         product = self.product
         return None if product is None else replace(product.on_line(self.batch), **self.limits)
 

@@ -61,7 +61,10 @@ class ProductionStatistics:
         self._timed = None
 
     def add_estimate(self, estimate: MassEstimate) -> bool:
-        """Count an item if its length or speed is outside the limits; return whether it is."""
+        """Count an item if its length or speed is outside the limits of the product.
+
+        Returns whether it is outside, and False without a product.
+        """
         if self.product is None:
             return False
         # An unknown value (NaN) is not counted, because such an item has another fault.
@@ -105,7 +108,10 @@ class ProductionStatistics:
         )
 
     def _throughput(self) -> float:
-        """Return the items per minute since the stream started, or NaN for fewer than two items."""
+        """Return the items per minute since the stream started.
+
+        The result is NaN if fewer than two items have different t3.
+        """
         first, last, count = self._timed or (0, 0, 0)
         return math.nan if first == last else (count - 1) * _MINUTE / (last - first)
 
@@ -137,7 +143,10 @@ class ProductionRecord:
         return found
 
     def tally(self, product: str, batch: str) -> BatchTally:
-        """Return the counts that the last verdict on a product in a batch contains."""
+        """Return the counts that the last verdict on a product in a batch contains.
+
+        All counts are 0 if there is no such verdict yet.
+        """
         return self._tallies.get((product, batch), BatchTally(product, batch))
 
     def add(self, verdict: Verdict) -> bool:

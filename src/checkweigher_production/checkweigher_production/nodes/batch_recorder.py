@@ -172,7 +172,11 @@ class LineBatches:
             production.product = None  # the product has not been selected since the restart
 
     def keep(self, limits: ProductOnLine | None, *, always: bool = False) -> None:
-        """Save product, limits and batch if they have changed or `always` is True."""
+        """Save product, limits and batch if they have changed or `always` is True.
+
+        Nothing is saved without a folder, or while no batch is in progress. If the file cannot be
+        written, the reason is stored in `not_kept`.
+        """
         if self._writer is None or self.doubt:
             return
         its = self.production
@@ -213,7 +217,7 @@ class LineBatches:
             )
 
     def add(self, verdict: Verdict) -> bool:
-        """Count and record an item; return whether the item was new."""
+        """Count and record an item if it is new; return whether it is new."""
         if is_new := self.production.add(verdict):
             self.write('verdict', verdict)
         return is_new
@@ -255,7 +259,7 @@ class LineBatches:
         writer.begin(self.production.batch, self._clock(), **audit)
 
     def has_record(self, batch: str) -> bool:
-        """Return whether a batch has a record."""
+        """Return whether a batch has a record. The result is False if `folder` is empty."""
         return self._writer is not None and record_path(self._folder, batch).exists()
 
     def may_begin(self, batch: str) -> bool:

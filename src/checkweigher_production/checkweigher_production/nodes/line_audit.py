@@ -35,9 +35,9 @@ class LineAudit:
     before it is made. The parameters are read again later, so that the log is right even if the
     change was not made.
 
-    `log` may be None. `node` is the full name of this node, `clock` returns the time of an entry
-    (ISO 8601, UTC), and `line` is the client for the parameters of all nodes. `has_record` returns
-    whether a batch has a record, and `warn` logs a warning.
+    If `log` is None, nothing is written. `node` is the full name of this node, `clock` returns the
+    time of an entry (ISO 8601, UTC), and `line` is the client for the parameters of all nodes.
+    `has_record` returns whether a batch has a record, and `warn` logs a warning.
     """
 
     def __init__(
@@ -197,8 +197,9 @@ class LineAudit:
     def claimed_by(self, service: str, who: str, why: str) -> Author:
         """Return the person who calls a service.
 
-        A person whom the page or a gateway has announced is trusted. The name in a request, `who`,
-        is only a claim.
+        A person whom the page or a gateway has announced is trusted. If nobody is announced, the
+        result has the reason `why` and the name ``claimed:`` followed by `who`, because the name in
+        a request is only a claim. If `who` is empty, the name is empty.
         """
         announced = self._authors.of(service, '', time.monotonic())
         if not announced.who.startswith('graph:'):
@@ -206,7 +207,11 @@ class LineAudit:
         return Author(f'{CLAIMED}{name}' if (name := one_line(who)) else '', one_line(why))
 
     def write_state(self, state: RecordState) -> None:
-        """Write the state of a batch record. If the record has ended, write only a fault."""
+        """Write the state of a batch record.
+
+        If the record has ended according to the log, the state is written only if the record is
+        broken.
+        """
         last = self.trail.last(changes.RECORD, state.batch)
         if state.broken or not has_ended(last):
             self.trail.saw_state(changes.RECORD, state.batch, state.value)

@@ -26,8 +26,8 @@ class LineRecipe:
 
     A product is "on the line" when it is published to the reject node. While the parameters of the
     nodes are set, no product is on the line, and the reject node accepts no item. After each
-    publication, the methods await the confirmation of the reject node. The methods raise
-    `RefusedError` if a node refuses a parameter or does not answer.
+    publication, the methods `set`, `change` and `restore` await the confirmation of the reject
+    node. They raise `RefusedError` if a node refuses a parameter or does not answer.
 
     `line` is the client for the parameters of all nodes, `publish` publishes the product on the
     line, `clock` returns the time in ns, and `tally` returns the counts of a product in a batch.
@@ -35,7 +35,8 @@ class LineRecipe:
     Attributes
     ----------
     selected : ProductOnLine or None
-        Selected product with its limits. It may not be on the line yet.
+        Selected product with its limits, which may not be on the line yet, or None if no product is
+        selected.
     on_line : ProductOnLine
         Last published product. Its name is empty if no product is on the line.
     in_use : ProductOnLine or None
@@ -61,7 +62,7 @@ class LineRecipe:
 
     @property
     def ready(self) -> bool:
-        """Whether `in_use` is known, and all nodes whose parameters a recipe may set are active."""
+        """Whether `in_use` is known, and the parameter services of all nodes in `NODES` exist."""
         return self.in_use is not None and all(self.line.ready(node) for node in NODES)
 
     @property
@@ -104,8 +105,9 @@ class LineRecipe:
     ) -> None:
         """Set the parameters of a product, and put the product on the line.
 
-        If a node refuses a parameter, all nodes keep their parameters. `selected` contains the
-        limits of the product. Before any parameter is set, `announce` is called with the new
+        If a node refuses a parameter, the previous parameters of all nodes are restored, and
+        `RefusedError` is raised, or `HalfSetError` if they cannot be restored. `selected` contains
+        the limits of the product. Before any parameter is set, `announce` is called with the new
         parameters by node. If `announce` raises an exception, no parameter is set.
         """
         restarted = set(self._restarted)
@@ -171,7 +173,8 @@ class LineRecipe:
     ) -> None:
         """Set parameters while no product is on the line, and then put a product on the line.
 
-        If this fails and no parameter was changed, the product `otherwise` is put on the line.
+        If this fails and the nodes still have their previous parameters, the product `otherwise` is
+        put on the line. If this fails after parameters were changed, no product is on the line.
         """
         try:
             if values:

@@ -69,6 +69,10 @@ class LineSelection:
         If a node refuses a parameter, the previous product remains selected. No product is selected
         if changed parameters cannot be restored, or if the reject node does not confirm the product
         after parameters were changed.
+
+        Raises `SettingsError` if there is no such product or no batch is in progress, `AuditError`
+        if the audit log cannot be written, and `RefusedError` if a node refuses a parameter or does
+        not answer.
         """
         products, product = find(self.file, name)
         if self.batches.doubt:

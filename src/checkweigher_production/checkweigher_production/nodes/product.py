@@ -159,8 +159,9 @@ class ProductNode(StageNode[ProductParameters]):
     async def _answer(self, response: Any, work: Awaitable[Any], failed: str) -> str:
         """Await the work of a service, and return the message of its response.
 
-        `work` returns the statistics of a finished batch, a message, or None. If it fails, a
-        warning is logged that begins with `failed`.
+        `work` returns the statistics of a finished batch, which are added to `response`, a message,
+        or None. The message of the response is empty unless `work` returns a message. If `work`
+        fails, a warning that begins with `failed` is logged, and ValueError is raised.
         """
         try:
             made = await work
