@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 import signal
 
-CANNOT_START = 2  # exit status of a node that cannot start, such as with an invalid parameter
+CANNOT_START = 2  # exit status of a node that cannot start, for example with an invalid parameter
 _SET_PARENT_DEATH_SIGNAL = 1  # option PR_SET_PDEATHSIG, see prctl(2)
 _VARIABLE = 'CHECKWEIGHER_PARENT'
 

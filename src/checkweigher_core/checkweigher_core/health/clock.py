@@ -12,21 +12,16 @@ _MAX_BLOCKS = 20_000  # largest number of blocks from which sample rate and pace
 RATE_SPAN = 10.0  # time in s over which rates are computed
 SHORTEST_SPAN = 2.0  # shortest time in s over which a rate is computed
 _REPLAY = 0.1  # difference of the pace from 1 above which a replay is assumed
-# Duration of a bin in s. It is assumed that at least one message in each bin is not delayed.
-_CLOCK_BIN = 5.0
+_CLOCK_BIN = 5.0  # duration of a bin in s; it is assumed that a message in each bin is not delayed
 _CLOCK_SPAN = 300.0  # time in s over which the drift is computed
 _DRIFT_LIMIT = 500e-6  # largest relative drift; the drift of a crystal is less than 100e-6
 _DRIFT_BINS = 6  # smallest number of bins from which a drift is computed
 _PACE_BINS = 3  # smallest number of bins from which the pace is computed
 _JITTER_LIMIT = 0.5  # largest jitter in s
-# Time in s after the first block in which jitter is not measured, because starting nodes delay the
-# blocks.
-_START = 5.0
+_START = 5.0  # time in s after the first block in which jitter is ignored, because nodes start
 _EYE_OFFSET_LIMIT = 0.1  # largest difference in s between the delays of edges and samples
 _FEWEST_EDGES = 4  # smallest number of edges from which their delay is computed
-# Difference in s between the stamp of a block and the stamp predicted from its index, above which
-# the clock of the stamps is assumed to have been set.
-_CLOCK_STEP = 0.5
+_CLOCK_STEP = 0.5  # difference in s of stamp and index above which the clock counts as set
 
 
 class ClockWatch:
@@ -55,8 +50,8 @@ class ClockWatch:
     def add(self, came: float, block: SampleBlock) -> None:
         """Add a block that arrived at time `came` in s.
 
-        If its stamp does not match its index, the clock was set, and all earlier values are
-        discarded.
+        If the stamp of the block differs by more than 0.5 s from the stamp expected by its index,
+        the clock of the stamps was set, and all earlier values are discarded.
         """
         if self._blocks:
             _, stamp, index = self._blocks[-1]

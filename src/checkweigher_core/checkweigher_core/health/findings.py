@@ -40,13 +40,16 @@ class Concern:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Finding on one aspect of a node, such as its clock. docs/reasons.md lists the aspects."""
+    """Finding on one aspect of a node, such as its clock. docs/reasons.md lists the aspects.
+
+    `values` contains numbers and texts by name. The name of a number that has a unit ends with the
+    unit, as in ``free_gb``.
+    """
 
     aspect: str
     level: Level
     text: str  # description of the problem or of the normal state, in one line
     hint: str = ''  # advice for the technician; empty if there is no problem
-    # Numbers and texts by name. The name of a number with a unit ends with it, as in ``free_gb``.
     values: Mapping[str, float | str] = field(default_factory=dict)
 
     @property

@@ -60,7 +60,10 @@ class HostClock:
 
     @property
     def reference(self) -> str:
-        """Description of the reference of this clock, without numbers. Empty if not known yet."""
+        """Text on the time reference of this clock, or an empty string if it is not known yet.
+
+        The text contains no numbers, so that it changes only with the reference.
+        """
         if 'bound_ms' in self._finding.values:
             return 'synchronised by chrony'
         return '' if self._finding.text == _UNKNOWN else self._finding.text

@@ -24,7 +24,7 @@ _SILENCE = 1.0  # longest time in s without samples, unless `_SILENT_BLOCKS` is 
 _SILENT_BLOCKS = 5.0  # longest time without samples, in durations of a block
 _RATE_TOLERANCE = 0.005  # largest relative difference between measured and nominal sample rate
 _LONGEST_BLOCKED = 10.0  # longest time in s for which a product normally blocks an eye
-_ONE_EYED = 10  # number of edges of one eye after which the other eye must have switched
+_ONE_EYED = 10  # number of edges of one eye in a minute in which the other eye must also switch
 _GAPS, _LOST, _AGAIN = 'gaps', 'samples_lost', 'blocks_doubled_or_late'
 _RESTARTS, _SATURATED = 'source_restarts', 'samples_saturated'
 # Names of the counts, each with the noun that follows its number in messages.
@@ -61,7 +61,7 @@ class SampleWatch:
         self._recent = {what: RecentValues() for what in _COUNTED}
 
     def restart(self) -> None:
-        """Reset the expected index and the clock, because a new stream begins."""
+        """Discard the expected index and the values of `clock`, because a new stream begins."""
         self._end = None
         self.clock.restart()
 

@@ -152,7 +152,8 @@ class FillerFeedback:
 class Alarm:
     """Alarm, which is kept until its cause has ended and a person has acknowledged it.
 
-    `source` is ``stop`` for a stop request, ``fault`` for an item, ``node`` for a restarted node.
+    `source` is ``stop`` for a stop request, ``fault`` for an item, and ``node`` for a restarted
+    node or for a line that was not shut down.
     `reason` is the reason of the stop request or of the fault, or the name of the node. The alarm
     was raised `count` times, for the first time at `first`. `last` is the time at which the alarm
     was last raised or its cause ended. Before `last`, the alarm was active for `duration` s in

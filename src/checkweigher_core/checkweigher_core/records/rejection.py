@@ -26,11 +26,11 @@ class Verdict(NanEqual):
     """Verdict on one item. Masses and limits are in kg.
 
     `estimate_id` equals `item_id`, or is 0 if the verdict was given without a mass estimate. The
-    signal to the rejector is due at `reject_at`. If `station` is not 0, the reject station of this
-    number removes the item instead of the rejector, and the signal to the station is due at
-    `station_at`. `late` is true if the verdict was given after its signal was due. The fields
-    `batch_items` to `batch_surplus` are the totals of the batch including this item (see
-    `BatchTally`).
+    signal to the rejector is due at `reject_at`, which is None if this time is unknown. If
+    `station` is not 0, the reject station of this number removes the item instead of the rejector,
+    and the signal to the station is due at `station_at`. `late` is true if the verdict was given
+    after its signal was due. The fields `batch_items` to `batch_surplus` are the totals of the
+    batch including this item (see `BatchTally`).
     """
 
     item_id: int
@@ -65,7 +65,8 @@ class StopRequest:
     """Request to stop the line.
 
     `item_id` is the number of the item that caused the request, or 0. `stamp` is the reject time of
-    this item, the time of a missed external reject, or None. `text` contains further details.
+    this item, the time of a missed external reject, or None. `text` contains further
+    details, or is empty.
     """
 
     reason: StopReason

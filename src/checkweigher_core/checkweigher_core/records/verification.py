@@ -19,7 +19,11 @@ class StepState(IntEnum):
 
 
 class ProgressState(IntEnum):
-    """State of a guided verification."""
+    """State of a guided verification.
+
+    The state is IDLE if no verification is running, ASKING while a step waits to be performed or
+    skipped, MAKING while the step is performed, and DECIDING after the step has failed.
+    """
 
     IDLE = 0
     ASKING = 1

@@ -168,9 +168,11 @@ class _Plan:
     """Conversion of one class of records."""
 
     form: _Form
-    # Name of a field of the message, getter of its value from the record, and converter.
+    # For each field of the message, its name, function that gets its value from the record, and
+    # function that converts this value.
     write: list[tuple[str, _Get, _Get]] = field(default_factory=list)
-    # Getter of the value of a field of the record from the message, and converter.
+    # For each field of the record, function that gets its value from the message, and function that
+    # converts this value.
     read: list[tuple[_Get, _Get]] = field(default_factory=list)
 
 

@@ -141,8 +141,7 @@ class LineNodes:
 async def in_time(node: Node, group: CallbackGroup, future: Future, patience: float) -> Any:
     """Return the result of a future, or None if it is not done within `patience` s.
 
-    In the second case, the future is cancelled. The timer for it belongs to the callback group
-    `group` of `node`.
+    After this time, a timer of `node` in the callback group `group` cancels the future.
     """
     timer = node.create_timer(patience, future.cancel, callback_group=group)
     try:

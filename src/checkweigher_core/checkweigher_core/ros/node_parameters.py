@@ -34,8 +34,8 @@ def descriptor(entry: 'Field[Any]', *, read_only: bool) -> ParameterDescriptor:
         description=allowed.text + (f' [{allowed.unit}]' if allowed.unit else ''),
         additional_constraints='one of ' + ', '.join(allowed.choices) if allowed.choices else '',
         read_only=read_only,
-        # Let the type be dynamic if the default is an empty list. Otherwise rclpy would take the
-        # default for a list of bytes, and refuse a list of numbers.
+        # Let the type be dynamic if the default is an empty list. Otherwise rclpy would treat
+        # the default as a list of bytes, and refuse a list of numbers.
         dynamic_typing=entry.default == (),
     )
     bounded = math.isfinite(allowed.minimum) or math.isfinite(allowed.maximum)

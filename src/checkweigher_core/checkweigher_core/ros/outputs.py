@@ -77,7 +77,7 @@ class HeldOutput(Output):
     consumer if its node also publishes messages of the type of the port `answer`. A recorder is
     therefore not a consumer. If `answer` is None, or if no consumer has been discovered within 5 s
     after the first subscriber, any subscriber counts as a consumer. At most 10,000 records are
-    kept; of more records, the oldest are lost. The function `before` is called with each record
+    kept; if there are more, the oldest are lost. The function `before` is called with each record
     just before the record is sent.
     """
 

@@ -53,7 +53,8 @@ STREAM = History(1000)
 STATE = History(1, latched=True, stage_latched=True)
 # Items: a restarted node needs the earlier messages, whose items may still be on the belt.
 ITEM_HISTORY = History(1000, latched=True, stage_latched=True)
-# Results: a user may read earlier messages, but the nodes of the line do not need them.
+# Results: a user may read earlier messages. Of the nodes of the line, only `product` requests them,
+# if it records the batches.
 RESULTS = History(1000, latched=True)
 # Periodic messages: only the latest message is valid.
 MOMENT = History(1)

@@ -24,9 +24,10 @@ from checkweigher_core.printable import one_line
 from checkweigher_core.ros.spinner import Spinner
 from checkweigher_core.ros.stage_node import StageNode
 
-# Block size in bytes above which glibc returns freed memory to the system. By default, this size
-# grows with the largest freed block, so a process would keep the memory of a large message.
-_MMAP_THRESHOLD, _LARGE = -3, 2**17  # number of the option M_MMAP_THRESHOLD, and its value
+# Number of the option M_MMAP_THRESHOLD of glibc, and its value: the size in bytes above which glibc
+# returns a freed block of memory to the system. By default, this size grows with the largest freed
+# block, so a process would keep the memory of a large message.
+_MMAP_THRESHOLD, _LARGE = -3, 2**17
 # Longest wait for the arrival of the last messages of a node.
 _FAREWELL = Duration(seconds=1)
 # Time in s after which a process that hangs while it destroys its nodes is ended. The node

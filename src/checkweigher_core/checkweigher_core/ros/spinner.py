@@ -65,8 +65,8 @@ class Spinner:
         """Call a function in the thread of the executor, and wait until the function returns.
 
         A function that destroys entities or cancels timers must run in this thread, because the
-        executor uses them. An exception of the function is raised again. Raises RuntimeError if the
-        function does not return within 10 s.
+        executor uses them. An exception that the function raises is raised again in the calling
+        thread. Raises RuntimeError if the function does not return within 10 s.
         """
         answer: Future[object] = Future()
 

@@ -16,7 +16,7 @@ from checkweigher_core.ros.ports import NODES, STAGES
 
 HOST = 'host'  # key of the host name in the first status of a message
 _SILENCE = 3.0  # time in s without diagnostics after which a node counts as silent
-_URGENCY = (Level.OK, Level.WARN, Level.STALE, Level.ERROR)  # levels in increasing order
+_URGENCY = (Level.OK, Level.WARN, Level.STALE, Level.ERROR)  # levels by increasing severity
 
 
 def number_of(value: str) -> float:
