@@ -106,7 +106,7 @@ class AlarmList:
         now = self._clock()
         known = self._alarms.get((source, reason), Alarm(source, reason, text, now, now))
         count = known.count + 1
-        doubled = count.bit_count() == 1  # otherwise a fault of every item would fill the log
+        doubled = count.bit_count() == 1  # otherwise a fault that each item has would fill the log
         added = replace(known, text=text, last=now, count=count, active=active)
         self._put(added, write=source != FAULT or doubled)
 

@@ -69,7 +69,7 @@ class AuditTrail:
     `note`, `state`, `parameters` and `recipes` must be called before a change is made. If they
     raise `AuditError`, the change must not be made. `saw` and `saw_state` are for changes that have
     happened. If the log cannot be written at present, the entries of these changes are written
-    later. At most 1,000 entries wait; of more entries, the oldest are lost.
+    later. At most 1,000 entries wait; if there are more, the oldest are lost.
     `trouble` is the reason why the log cannot be written at present, or empty.
     """
 

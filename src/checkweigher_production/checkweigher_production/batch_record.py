@@ -45,13 +45,10 @@ SUFFIX = '.jsonl'
 _LONGEST = 200  # largest number of characters of a batch name in a file name
 _RETRY = 1.0  # time in s between two attempts to write
 _LONGEST_LINE = 2**16  # largest number of bytes in a line
-# End of a line with its hash.
-_HASH = re.compile(rb',"hash":"([0-9a-f]{64})"}\n')
-# Number of bytes of the end of a line.
-_HASH_SIZE = 76
-# Events of a record that are written to the audit log.
-BEGUN, CONTINUED, WRITTEN = 'begun', 'continued', 'written'
-STOPPED, ENDED = 'stopped', 'ended'
+_HASH = re.compile(rb',"hash":"([0-9a-f]{64})"}\n')  # end of a line with its hash
+_HASH_SIZE = 76  # number of bytes that `_HASH` matches
+BEGUN, CONTINUED, WRITTEN = 'begun', 'continued', 'written'  # events in the audit log
+STOPPED, ENDED = 'stopped', 'ended'  # further events in the audit log
 _Record = TypeVar('_Record', Verdict, FillerFeedback)
 
 

@@ -8,11 +8,11 @@ x >= Qn - k s, where Qn is the nominal quantity and k = t(0.995, n - 1) / sqrt(n
 The text was read on legislation.gov.uk, which shows the criteria of 2.3.3 as images. The values of
 k are therefore from the same tables in schedule 2 of UK SI 2006/659.
 
-In single sampling, one sample is judged. The sizes and numbers are those of UK SI 2006/659,
-schedule 2, 3.3 to 3.5. The mean and TU2 are judged as in OIML R 87, whose text was not available: k
-is from the Australian National Trade Measurement Regulations 2009, 4.34, and the rule that no
-prepackage in the sample may be below TU2 is from the examples in the Guide to the Average Quantity
-System in Australia.
+In single sampling, one sample is judged. The sample sizes and the acceptance and rejection numbers
+are those of UK SI 2006/659, schedule 2, 3.3 to 3.5. The mean and TU2 are judged as in OIML R 87,
+whose text was not available. Therefore k is from the Australian National Trade Measurement
+Regulations 2009, 4.34. The rule that no prepackage in the sample may be below TU2 is from the
+examples in the Guide to the Average Quantity System in Australia.
 
 All prepackages of a batch of fewer than 100 are tested (2.1.3). The directive has no criteria for
 this case. By UK SI 2006/659, schedule 2, at most 5 % of the batch may be below TU1 (3.6), and the
@@ -34,7 +34,7 @@ from checkweigher_dsp.rejection.batch_rules import ROUNDING
 from checkweigher_production.prepackages import batch_of, limits
 
 WHOLE_BELOW = 100  # number of prepackages below which all of them are tested
-_MAX_DEFECTIVE_PERCENT = 5  # limit for a batch whose prepackages are all tested
+_MAX_DEFECTIVE_PERCENT = 5  # largest percentage below TU1 if all prepackages are tested
 
 
 class SamplingPlan(Enum):
@@ -89,8 +89,8 @@ class ReferenceTest:
     mean_count: int  # size of the sample for the mean
     mean: float
     std_dev: float  # standard deviation of the sample for the mean, NaN for one prepackage
-    k: float  # 0 if all prepackages are tested
-    mean_limit: float  # smallest mean that passes, nominal - k std_dev
+    k: float  # factor of std_dev in mean_limit, 0 if all prepackages are tested
+    mean_limit: float  # smallest mean that passes: nominal - k std_dev, or nominal if k is 0
     mean_passed: bool
 
     @property

@@ -21,7 +21,8 @@ from checkweigher_production.recipes import Product
 _MINUTE = 60 * NANOSECONDS
 _LATEST = 25  # number of latest masses whose stated standard deviations are used
 _NO_PRODUCT = Product('', math.nan)
-# Verdicts with these reasons may belong to the previous stream, so their times are not used.
+# Verdicts with these reasons may belong to the previous stream, so their times do not count for the
+# throughput.
 _OF_STREAM_BEFORE = {Reason.STREAM_ENDED, Reason.SOURCE_RESTARTED}
 
 
@@ -127,7 +128,7 @@ class ProductionRecord:
         # Item number, t1 and t3 of the last items without a product. The topic verdict keeps the
         # same number of messages for a restarted node.
         self._without_product = deque[tuple[int, int | None, int | None]](maxlen=1000)
-        self._std_devs = deque[float](maxlen=_LATEST)  # stated, of the latest masses, in kg
+        self._std_devs = deque[float](maxlen=_LATEST)  # standard deviations of masses, in kg
 
     @property
     def _key(self) -> tuple[str, str]:

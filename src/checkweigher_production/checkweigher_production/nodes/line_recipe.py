@@ -54,8 +54,8 @@ class LineRecipe:
         self.in_use: ProductOnLine | None = None
         # Future that is done when the reject node confirms the last published product.
         self._taken = Future()
-        # Values of the parameters before any recipe, by node. A value is set again if a recipe does
-        # not set its parameter.
+        # Values of the parameters before any recipe, by node. A parameter gets this value again
+        # when a product is selected whose recipe does not set the parameter.
         self._base: dict[str, Values] = {}
         self._set: dict[str, Values] = {}  # values for the selected product
         self._restarted: set[str] = set()

@@ -35,7 +35,7 @@ from checkweigher_production.nodes.performance import LineTest
 
 _PATIENCE = 2.0  # longest wait in s for an answer of another node
 _POLL_PERIOD = 0.5  # period in s of the timers
-_NOTE_PERIOD = 3600.0  # time in s after which the state of the record is written to the audit log
+_NOTE_PERIOD = 3600.0  # time in s between two entries of the record in the audit log
 
 
 @dataclass(frozen=True)
