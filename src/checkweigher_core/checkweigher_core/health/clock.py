@@ -21,7 +21,7 @@ _JITTER_LIMIT = 0.5  # largest jitter in s
 _START = 5.0  # time in s after the first block in which jitter is ignored, because nodes start
 _EYE_OFFSET_LIMIT = 0.1  # largest difference in s between the delays of edges and samples
 _FEWEST_EDGES = 4  # smallest number of edges from which their delay is computed
-_CLOCK_STEP = 0.5  # difference in s of stamp and index above which the clock counts as set
+_CLOCK_STEP = 0.5  # difference in s of a stamp from its predicted value if the clock was set
 
 
 class ClockWatch:

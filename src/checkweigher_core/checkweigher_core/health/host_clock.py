@@ -46,7 +46,8 @@ class HostClock:
     """Monitor of the clock of this host.
 
     A call of `finding` starts the command chronyc in a separate process, and a later call reads its
-    output, so that the node never waits for chronyc. The process is killed after 10 s.
+    output, so that the node never waits for chronyc. A process that runs for more than 10 s is
+    killed.
     """
 
     def __init__(self, command: Sequence[str] = COMMAND) -> None:
