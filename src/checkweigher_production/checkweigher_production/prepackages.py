@@ -163,7 +163,11 @@ class TareControl:
 
     @property
     def refusal(self) -> str:
-        """Reason why the mean must not be used as the tare, or an empty string."""
+        """Reason why the mean must not be used as the tare, or an empty string.
+
+        Raises `ValueError` if the mean is not below 5 % of the nominal quantity, and the directive
+        has no tolerable negative error for this quantity.
+        """
         if len(self.masses) < _TARE_SAMPLE:
             return f'{len(self.masses)} empty packages, {_TARE_SAMPLE} are needed'
         if self.mean < _SMALL_TARE * self.nominal:
