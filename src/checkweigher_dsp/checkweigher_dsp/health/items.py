@@ -27,16 +27,16 @@ _ALL_FAIL = 5  # number of successive failed items for an error
 _BUSY = 0.5  # fraction of the time spent on computing, above which a warning is given
 _BUSY_SPAN = 10.0  # period in s over which this fraction is measured
 _NOT_CONVERGED = (Reason.NO_CONVERGENCE, Reason.SPEED_NOT_TRAINED, Reason.NO_LOAD)
-# Number of items for the current medians.
+# Maximum number of items for the current medians.
 _RECENT = 10
 # Maximum number of items for the usual natural frequency.
 _USUAL = 300
 # Minimum number of items for the usual natural frequency.
 _FEWEST_USUAL = 30
-# Relative change of the natural frequency above which a warning is given. A product with a tenth of
-# the moving mass lowers the frequency by 5 %.
+# Relative change of the natural frequency above which a warning is given. A product whose mass is a
+# tenth of the moving mass of the platform lowers the frequency by 5 %.
 _FREQUENCY_CHANGE = 0.2
-_SWINGS = 0.5  # damping ratio above which the frequency is not defined
+_SWINGS = 0.5  # damping ratio from which the frequency is ignored, because it is uncertain
 _UNCERTAIN = 0.5  # fraction of max_relative_std_dev above which a warning is given
 _MAX_EDGES = 200  # maximum number of stored edges
 _NO_MASSES = 3  # number of successive items without a mass for an error
@@ -45,8 +45,9 @@ _NO_MASSES = 3  # number of successive items without a mass for an error
 def failures(items: RecentItems, what: str) -> list[Concern | None]:
     """Return an error if the last five items failed, and a warning if many recent items failed.
 
-    Either of them is None if it does not apply. `what` says what happened to the items, such as
-    'were faults'.
+    The warning requires at least two failed items and at least 5 % of the recent items. Either of
+    them is None if it does not apply. `what` says what happened to the items, such as 'were
+    faults'.
     """
     in_a_row, failed = items.failed_in_a_row, items.failed
     reason = items.main_reason(in_a_row if in_a_row >= _ALL_FAIL else len(items))
@@ -70,7 +71,7 @@ class FaultWatch:
         self._reasons: Counter[str] = Counter()
 
     def add(self, now: float, reasons: Sequence[str]) -> None:
-        """Add an item with the reasons of its fault, at `now` in s."""
+        """Add an item at `now` in s. `reasons` is empty if the item is not a fault."""
         self._count += 1
         self._items.add(now, reasons)
         self._reasons.update(reasons)
@@ -138,7 +139,8 @@ class ConvergenceWatch:
         self._items.add(now, [reason for reason in estimate.reasons if reason in _NOT_CONVERGED])
         if estimate.weighed and estimate.mass > 0:
             self._relative.add(now, estimate.std_dev / estimate.mass)
-            # The frequency is not defined if the signal contains no oscillation.
+            # The frequency is uncertain if the platform hardly oscillates. It is NaN, as is the
+            # damping ratio, if the estimator does not identify it.
             if estimate.damping_ratio < _SWINGS:
                 self._frequency.add(now, estimate.natural_frequency)
                 self._damping.add(now, estimate.damping_ratio)
@@ -208,7 +210,7 @@ class VerdictTiming:
         if came is None or verdict.t3 is None:
             return
         self._latency.add(now, now - came)
-        # A verdict without a mass is omitted, because it always waits for its deadline.
+        # Omit the margin of a verdict without a mass, because it always waits for its deadline.
         if verdict.reject_at is not None and not missing:
             self._margin.add(now, (verdict.reject_at - verdict.t3) / NANOSECONDS - (now - came))
 
@@ -284,8 +286,8 @@ class RejectorWatch:
     def finding(self, now: float, request: StopRequest | None, *, confirmed: bool) -> Finding:
         """Return the finding on the aspect Rejector.
 
-        `request` is the current stop request, and `confirmed` is whether there is an eye behind the
-        rejector.
+        `request` is the current stop request, or None if no stop is requested. `confirmed` is
+        whether there is an eye behind the rejector.
         """
         self._strays.forget(now)
         values: Values = {

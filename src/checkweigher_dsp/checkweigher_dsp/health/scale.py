@@ -23,7 +23,7 @@ _DRIFT_SPAN = 1800.0  # longest period in s over which the drift is measured
 _DRIFT_PERIOD = 10.0  # interval in s between two readings for the drift
 _SHORTEST_DRIFT = 300.0  # shortest period in s, below which noise may look like a drift
 _WARM_UP = 1800.0  # warm-up time of a load cell in s
-_STEP = 5.0  # change of the zero that is not a drift, in standard deviations
+_STEP = 5.0  # smallest change of the zero that is not a drift, in standard deviations
 _NEAR_LIMIT = 0.75  # fraction of zero_range above which a warning is given
 _UPDATE_PATIENCE = 120.0  # longest time in s in which products pass but the zero is not updated
 # Length of the FFT in samples. A shorter segment is zero-padded, and of a longer segment, only the
@@ -31,7 +31,7 @@ _UPDATE_PATIENCE = 120.0  # longest time in s in which products pass but the zer
 _FFT_LENGTH = 1024
 _FEWEST_SAMPLES = 64  # minimum number of samples of a segment
 _LOWEST_FREQUENCY = 2.0  # lowest frequency of vibration in Hz; a drift is slower
-_RECENT_SEGMENTS = 5  # number of recent segments
+_RECENT_SEGMENTS = 5  # number of segments for the current noise and its spectrum
 _USUAL_SEGMENTS = 300  # maximum number of segments for the usual noise
 _FEWEST_USUAL = 20  # minimum number of segments for the usual noise
 _NOISY = 3.0  # ratio to the usual noise above which a warning is given
@@ -40,8 +40,9 @@ _NOISY = 3.0  # ratio to the usual noise above which a warning is given
 class ZeroWatch:
     """Statistics of the distance of the zero from the zero of calibration, and of its drift.
 
-    `zero_range` is the largest permitted distance in kg. `began` is the time in s at which the node
-    was started. `usual_drift` is the standard deviation of the drift in kg/s.
+    `zero_range` is the largest permitted distance in kg, or 0 if the distance is not checked.
+    `began` is the time in s at which the node was started. `usual_drift` is the standard deviation
+    of the drift in kg/s. If it is infinite, no change of the zero counts as sudden.
     """
 
     def __init__(
@@ -62,7 +63,8 @@ class ZeroWatch:
         self._zero = Zero(math.nan, math.nan)
         self._updated = math.nan
         self._item = -math.inf
-        self._missed_since = math.inf  # time in s of the first product after the last update
+        # Time in s of the first product after the last update, or infinity before this product.
+        self._missed_since = math.inf
         self._drift = RecentValues(_DRIFT_SPAN)
         self._noted = -math.inf
 
@@ -81,12 +83,15 @@ class ZeroWatch:
             self._item = now
 
     def set(self) -> None:
-        """Register that a person has set the zero, so that this change causes no warning."""
+        """Discard the readings for the drift, because a person has set the zero.
+
+        This change of the zero therefore causes no warning.
+        """
         self._noted = -math.inf
         self._drift.clear()
 
     def _look_for_step(self, now: float) -> None:
-        """Record a change of the zero since the last reading if it is larger than any drift."""
+        """Record the change of the zero since the last reading if it is too large for a drift."""
         before, self._uncertain = self._uncertain, self._zero.std_dev / abs(self._counts_per_kg)
         if not self._drift:
             return
@@ -101,7 +106,7 @@ class ZeroWatch:
 
     @property
     def drift(self) -> float:
-        """Drift of the zero in kg/h, or NaN until the period is long enough."""
+        """Drift of the zero in kg/h, or NaN if the readings cover less than 5 minutes."""
         return _HOUR * self._drift.slope if self._drift.span >= _SHORTEST_DRIFT else math.nan
 
     def finding(self, now: float) -> Finding:
@@ -165,7 +170,7 @@ class BeltNoiseWatch:
         self._memory = 1.0 - 1.0 / _RECENT_SEGMENTS
 
     def add(self, now: float, force: Array) -> None:
-        """Add a segment of the empty belt, (n,) in kg. A short segment is ignored."""
+        """Add a segment of the empty belt, (n,) in kg. It is ignored if n is less than 64."""
         if len(force) < _FEWEST_SAMPLES:
             return
         force = force[-_FFT_LENGTH:]
@@ -178,7 +183,7 @@ class BeltNoiseWatch:
 
     @property
     def frequency(self) -> float:
-        """Frequency of the strongest spectral line in Hz, or NaN without noise."""
+        """Frequency in Hz of the strongest spectral line above 2 Hz, or NaN without noise."""
         lowest = math.ceil(_LOWEST_FREQUENCY * _FFT_LENGTH / self._rate)
         if not self._power[lowest:].any():
             return math.nan

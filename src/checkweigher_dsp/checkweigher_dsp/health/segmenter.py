@@ -14,10 +14,10 @@ from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
 
 _MILLI = 1e3
-# Change of the lag in ms above which an error is given. Differences between products cause changes
-# of up to a third of this value.
+# Change of the lag of the load behind the photo-eye edges, in ms, above which an error is given.
+# Differences between products cause changes of up to a third of this value.
 _CHANGED = 1.5
-_LARGE = 2.0  # lag in ms above which a warning is given
+_LARGE = 2.0  # difference in ms between the lag and the stated lag above which a warning is given
 _MANY_UNCHECKED = 0.5  # fraction of unchecked items above which a warning is given
 _FEWEST = 10  # minimum number of items for the findings on the lag
 
@@ -36,11 +36,12 @@ class SegmenterWatch:
         self._eyes = EyeWatch()
         self._edge_check: EdgeCheck | None = None
         self._items = FaultWatch()
-        self._end: tuple[bool, str] | None = None  # whether the stream has succeeded, and a message
+        # Whether the stream has succeeded, and the message of the source. None while it runs.
+        self._end: tuple[bool, str] | None = None
         self._stream_began = began
 
     def begin_stream(self, now: float, load_cell: LoadCell) -> None:
-        """Begin a new stream, and reset the statistics of the scale if the load cell is new."""
+        """Begin a new stream. Reset the statistics of samples and scale if the load cell is new."""
         self._end, self._stream_began = None, now
         self._eyes.restart()
         if load_cell == self._load_cell:
@@ -74,7 +75,11 @@ class SegmenterWatch:
             self._eyes.add(now, event)
 
     def add_window(self, now: float, window: WeighWindow, segmenter: Segmenter) -> None:
-        """Add a window of the segmenter."""
+        """Add a window of the segmenter, with its zero and its check of the edges.
+
+        The samples of the empty belt before the item are added to the noise, unless the window is a
+        fault or t1 is unknown.
+        """
         self._items.add(now, window.reasons)
         self._edge_check = segmenter.cutter.edge_check
         self._zero.add(now, segmenter.zero_keeper.zero, item=True)
@@ -91,7 +96,10 @@ class SegmenterWatch:
         self._noise.add(now, segmenter.idle_belt() / segmenter.load_cell.counts_per_kg)
 
     def findings(self, now: float, offset_of_clocks: float) -> list[Finding]:
-        """Return all findings. `offset_of_clocks` is the time of day in s minus `now`."""
+        """Return all findings. `offset_of_clocks` is the time of day in s minus `now`.
+
+        Before the first load cell is known, the only finding is that on the aspect Samples.
+        """
         self._eyes.look(now)
         if self._load_cell is None:
             missing = error_if(
