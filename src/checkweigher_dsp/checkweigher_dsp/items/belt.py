@@ -20,7 +20,7 @@ _MOST_ITEMS = 100  # maximum number of items on the belt; only chatter of an eye
 
 
 class UsualTransit:
-    """Usual transit, the time t3 - t1 of an item. `ItemTracker` describes the parameters."""
+    """Usual time t3 - t1 of an item, its transit. `ItemTracker` describes the parameters."""
 
     def __init__(self, max_transit: int, belt_lengths: float) -> None:
         self.max_transit = max_transit
@@ -29,14 +29,15 @@ class UsualTransit:
 
     def forget(self) -> None:
         """Discard the usual transit, because the belt speed may have changed."""
-        self.value: int | None = None  # last accepted transit in ns
+        self.value: int | None = None  # last accepted transit in ns, or None if there is none
         self._outlier: int | None = None
 
     def of(self, item: TrackedItem) -> int | None:
         """Return the expected transit of an item in ns, or None if it is unknown.
 
-        Until an item without faults has left, the transit of `item` is estimated from the time for
-        which `item` blocked the infeed eye.
+        The expected transit is the usual transit. While there is none, the transit is estimated
+        from the time for which `item` blocked the infeed eye, if the length of the products and
+        this time are known.
         """
         if self.value is None and self._belt_lengths and item.length > 0:
             return min(round(item.length * self._belt_lengths), self.max_transit)
@@ -58,19 +59,28 @@ class UsualTransit:
             self.value, self._outlier = transit, None
 
     def has_passed(self, item: TrackedItem, stamp: int) -> bool:
-        """Return whether an item must have left the belt by the time `stamp` in ns."""
+        """Return whether an item must have left the belt by the time `stamp` in ns.
+
+        The result is False if the expected transit of the item is unknown.
+        """
         transit = self.of(item)
         return transit is not None and stamp - item.entered >= _OVERDUE * transit + item.length
 
     def ends(self, item: TrackedItem, stamp: int) -> bool:
-        """Return whether an item is expected to clear the outfeed eye at about `stamp` in ns."""
+        """Return whether an item is expected to clear the outfeed eye at about `stamp` in ns.
+
+        The result is False if the expected transit of the item, or t1 or t2, is unknown.
+        """
         transit = self.of(item)
         if transit is None or not item.length:
             return False
         return abs(stamp - item.entered - item.length - transit) < _TOO_EARLY * transit
 
     def is_early(self, item: TrackedItem, stamp: int) -> bool:
-        """Return whether `stamp`, in ns, is too early for an item to reach the outfeed eye."""
+        """Return whether `stamp`, in ns, is too early for an item to reach the outfeed eye.
+
+        The result is False if the expected transit of the item or t1 is unknown.
+        """
         transit = self.of(item)
         return (
             transit is not None
@@ -104,10 +114,11 @@ class Belt:
         self.left_last: TrackedItem | None = None
         # Latest item with t1, which is kept when the clock changes.
         self.begun: TrackedItem | None = None
-        # Time in ns of the latest departure, possibly of an unknown item.
+        # Latest time in ns at which an unknown item left, or the last item left once more after
+        # chatter of the eye, or the scale showed an empty belt. None if there is no such time.
         self.freed: int | None = None
-        # Time in ns at which the infeed eye cleared before its first blocking edge. The edge may
-        # only show the initial state of the eye.
+        # Time in ns at which the infeed eye cleared before its first blocking edge, or None. The
+        # clearing edge may only show the initial state of the eye.
         self.cleared_first: int | None = None
         # Whether the infeed eye has had no edge since the clock changed.
         self.clock_is_new = False
@@ -139,7 +150,10 @@ class Belt:
         return item
 
     def put(self, item: TrackedItem) -> None:
-        """Add an item to the belt. If it is not alone, all items on the belt become faults."""
+        """Add an item to the belt. If it is not alone, all items on the belt become faults.
+
+        If 100 items are already on the belt, the oldest item is given up first.
+        """
         if len(self.items) >= _MOST_ITEMS:
             self.miss(self.items.pop(0), item.entered)
         self.items.append(item)
@@ -148,7 +162,11 @@ class Belt:
         self.entered_last = item
 
     def move(self, item: TrackedItem, state: State) -> None:
-        """Change the state of an item. An item that has left the belt does not return to it."""
+        """Change the state of an item, and register the item at the eye that it blocks.
+
+        A given-up item is added to `given_up`. The state of an item that has left the belt does not
+        become ENTERING or ON_BELT again.
+        """
         if state is State.LEAVING:
             self.at_outfeed = self.left_last = item
             self.covered = False
@@ -165,7 +183,10 @@ class Belt:
         return finished
 
     def miss(self, item: TrackedItem, stamp: int) -> None:
-        """Give up an item, which must not be in `items`, because its outfeed edge is missing."""
+        """Give up an item as a fault, because its outfeed edge is missing.
+
+        The caller must have removed the item from `items`.
+        """
         item.fault(Reason.MISSING_EDGE)
         item.given_up = stamp
         if item is self.at_infeed:
@@ -209,7 +230,11 @@ class Belt:
         self.at_infeed = self.at_outfeed = None
 
     def forget_clock(self, *, backwards: bool) -> None:
-        """Discard all times, and also edges and recent items if the clock has gone `backwards`."""
+        """Discard the times of departures and the usual transit, because the clock has changed.
+
+        Given-up items become abandoned. If the clock has gone `backwards`, the edges of the eyes
+        and the recent items are discarded as well.
+        """
         self.entered_last = self.left_last = self.freed = None
         self.clock_is_new = True
         _set_state(self.given_up, State.ABANDONED)
@@ -226,7 +251,11 @@ class Belt:
             item.fault(reason)
 
     def clear(self, edge: EyeEdge) -> None:
-        """Mark the eye of a clearing edge as clear. At the outfeed eye, the item has left."""
+        """Mark the eye of a clearing edge as clear.
+
+        An edge of the outfeed eye is also stored as the departure ahead of each item on the belt
+        with `others_there`.
+        """
         if edge.eye == Eye.INFEED:
             self.at_infeed = None
             return

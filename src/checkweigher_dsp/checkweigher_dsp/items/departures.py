@@ -31,7 +31,8 @@ def last_departure(belt: Belt, stamp: int) -> int | None:
 def is_next_departure(belt: Belt, stamp: int) -> bool:
     """Return whether the first item on the belt is expected to clear the outfeed eye at `stamp`.
 
-    If so, the edge with which this item blocked the eye was lost.
+    If so, the edge with which this item blocked the eye was lost. `stamp` is in ns. The result is
+    False if the belt is empty, or if the first item still blocks the infeed eye.
     """
     if not belt.items or belt.items[0] is belt.at_infeed:
         return False
@@ -49,7 +50,9 @@ def take_leaving(belt: Belt, stamp: int) -> TrackedItem:
     """Remove and return the item that an outfeed edge belongs to, and give up the items before it.
 
     The edge at `stamp`, in ns, is assigned to the item whose transit up to this edge is nearest to
-    its expected transit.
+    its expected transit. Of the items that are still entering, only the first item on the belt is
+    considered. If no transit is expected, the edge is assigned to the first item. The belt must not
+    be empty.
     """
     deviations = {0: math.inf}
     for i, candidate in enumerate(belt.items):

@@ -58,7 +58,7 @@ class EdgeQueue:
         return popped
 
     def drop_after(self, stamp: int) -> None:
-        """Remove the edges after a time in ns."""
+        """Remove the edges after a time in ns, but keep all strays."""
         if self._newest > stamp:
             self._edges = [edge for edge in self._edges if edge.stamp <= stamp]
             self._newest = self._edges[-1].stamp if self._edges else -math.inf
@@ -70,7 +70,10 @@ class EdgeQueue:
         return self.pop_while(lambda edge: True)
 
     def pop_of_new_clock(self, stamp: int, *, forward: bool) -> list[EyeEdge]:
-        """Remove and return the edges of the new clock, which has jumped to `stamp` in ns."""
+        """Remove and return the edges of the new clock, which has jumped to `stamp` in ns.
+
+        After a jump `forward`, these are the edges from `stamp` on. Otherwise they are the strays.
+        """
         if forward:
             position = bisect_left(self._edges, stamp, key=_STAMP)
             new, self._edges = self._edges[position:], self._edges[:position]

@@ -17,8 +17,8 @@ class Switch:
     """Change of the state of an eye."""
 
     stamp: int  # time in ns
-    previous: EyeEdge | None  # previous edge of the same eye
-    there: TrackedItem | None  # item that blocked the eye before the change
+    previous: EyeEdge | None  # previous edge of the same eye, or None if there is none
+    there: TrackedItem | None  # known item that blocked the eye before the change, or None
     blocked: bool  # whether an item blocks the eye after the change
 
 
@@ -27,7 +27,7 @@ class Eyes:
 
     def __init__(self, debounce: int, max_transit: int) -> None:
         self.debounce = debounce
-        self.origin: int | None = None  # start of the stream in ns
+        self.origin: int | None = None  # time of the first sample of the stream in ns
         self.newest: int | None = None  # largest stamp in ns since the clock last changed
         self._max_transit = max_transit
         # Recent edges, in a dictionary because it is faster to search than a deque.
@@ -42,7 +42,7 @@ class Eyes:
         return any(edge.blocked for edge in self.youngest.values())
 
     def is_new(self, edge: EyeEdge) -> bool:
-        """Store an edge. Returns False if the edge repeats a recent one."""
+        """Store an edge, and return whether it differs from each of the last 64 edges."""
         if edge in self._known:
             return False
         self._known[edge] = None
@@ -51,7 +51,7 @@ class Eyes:
         return True
 
     def take(self, edge: EyeEdge) -> EyeEdge | None:
-        """Store an edge as the youngest of its eye, and return the previous one."""
+        """Store an edge as the youngest of its eye, and return the previous one, or None."""
         previous = self.youngest.get(edge.eye)
         self.youngest[edge.eye] = self.latest[edge.eye] = edge
         self._first.setdefault(edge.eye, edge.stamp)
@@ -81,7 +81,7 @@ class Eyes:
         return both and abs(self._first[Eye.INFEED] - self._first[Eye.OUTFEED]) <= self.debounce
 
     def forget_clock(self) -> None:
-        """Discard all edges after a change of the clock, but keep the states of both eyes."""
+        """Discard all edges, because the clock has changed, but keep the states of both eyes."""
         self._known.clear()
         self.latest.clear()
         for eye, edge in self.youngest.items():

@@ -33,7 +33,8 @@ class TrackedItem:
     t4: int | None = None  # The item has left.
     # Reasons why the item cannot be weighed, as a set in the order of their detection.
     faults: dict[Reason, None] = field(default_factory=dict)
-    # Time at which the previous item left. With `others_there`, this time may be after t1.
+    # Time at which the previous item left, or None if it is unknown. With `others_there`, this time
+    # may be after t1.
     left_before: int | None = None
     others_there: bool = False  # whether another item may have been at the outfeed eye at t1
     usual_transit: int | None = None  # usual transit when the item began to leave
@@ -47,7 +48,7 @@ class TrackedItem:
 
     @property
     def entered(self) -> int:
-        """Time of the first edge in ns."""
+        """Time in ns of the first known edge, which is t1, t2 or t3."""
         return next(stamp for stamp in (self.t1, self.t2, self.t3) if stamp is not None)
 
     @property

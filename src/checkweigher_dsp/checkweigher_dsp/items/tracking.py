@@ -52,12 +52,18 @@ class ItemTracker:
 
     @property
     def empty_since(self) -> int | None:
-        """Time in ns at which the last item left the belt, or None if no item has left."""
+        """Time in ns at which the last item left the belt.
+
+        The time is None if no item is known to have left since the clock last changed.
+        """
         newest = self.eyes.newest
         return None if newest is None else last_departure(self.belt, newest)
 
     def add(self, edge: EyeEdge) -> list[TrackedItem]:
-        """Assign an edge to an item, and return the items that are finished or given up."""
+        """Assign an edge to an item, and return the items that are finished or given up.
+
+        A repeated edge is not assigned.
+        """
         finished = self.expire(edge.stamp)
         if self.eyes.is_new(edge):
             newest = self.eyes.newest
@@ -95,5 +101,8 @@ class ItemTracker:
         return self.belt.take_finished()
 
     def forget(self, *, backwards: bool = True) -> None:
-        """Discard all times, and also the edges if the clock may have gone `backwards`."""
+        """Discard the times of departures and the usual transit, because the clock has changed.
+
+        The edges are discarded as well if the clock may have gone `backwards`.
+        """
         self.belt.forget_clock(backwards=backwards)

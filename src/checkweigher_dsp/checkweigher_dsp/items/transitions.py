@@ -3,7 +3,7 @@
 """Transition table of item tracking, with the meaning of each edge and the next state of its item.
 
 `TRANSITIONS` lists the cases of each kind of edge. The cases are tried in order, and the first case
-that holds is applied. The reasons of a case are the faults that it may add to items on the belt;
+that holds is applied. The reasons of a case are the faults that it may add to items;
 docs/reasons.md describes them.
 """
 
@@ -29,12 +29,13 @@ _FLICKERS = 2  # longest chatter of an eye at the end of an item, in debounce ti
 class Transition:
     """Case of the transition table.
 
-    The function `action` applies the edge if the case holds. It returns the item that the edge
-    belongs to, or whether the case holds if no such item is known.
+    The function `action` applies the edge if the case holds. It then returns the item that the edge
+    belongs to, or True if the edge belongs to no known item. If the case does not hold, it returns
+    None or False.
     """
 
     action: Callable[[Belt, Switch], TrackedItem | bool | None]
-    state: State | None = None  # next state of the item
+    state: State | None = None  # next state of the item, or None if it stays the same
     reasons: tuple[Reason, ...] = ()  # faults that the action may add
 
 
@@ -228,11 +229,11 @@ def _enter_unseen(belt: Belt, switch: Switch) -> TrackedItem:
     return _put_unseen(belt, switch.stamp, Reason.MISSING_EDGE)
 
 
-# Cases of an edge that blocks the outfeed eye
+# Cases of an edge at which the outfeed eye becomes blocked
 
 
 def _cover(belt: Belt, switch: Switch) -> bool:
-    """Mark the eye as blocked again by an unknown item if the eye flickers."""
+    """Mark the eye as blocked by an unknown item if the eye flickers before a known item leaves."""
     if belt.left_last is not None or not belt.eyes.flickers(switch):
         return False
     belt.covered = True
@@ -301,7 +302,7 @@ def _begin_to_leave(belt: Belt, switch: Switch, item: TrackedItem, ambiguous: bo
     return item
 
 
-# Cases of an edge that clears the outfeed eye
+# Cases of an edge at which the outfeed eye becomes clear
 
 
 def _go(belt: Belt, switch: Switch) -> TrackedItem | None:
@@ -324,7 +325,10 @@ def _go_again(belt: Belt, switch: Switch) -> TrackedItem | None:
 
 
 def _go_beside(belt: Belt, switch: Switch) -> bool:
-    """Store the departure of an unknown item, and add a fault to the item that enters."""
+    """Store the departure of an unknown item if the only item on the belt is entering.
+
+    The item that enters becomes a fault.
+    """
     if not belt.only_entering:
         return False
     _go_before_start(belt, switch)
@@ -442,7 +446,7 @@ def _complete_entry(belt: Belt, edge: EyeEdge, youngest: EyeEdge | None) -> bool
 
 
 def _lacks_t2(item: TrackedItem, stamp: int) -> bool:
-    """Return whether an item that has left can have cleared the infeed eye at `stamp` in ns."""
+    """Return whether an item with t3 but without t2 can have cleared the infeed eye at `stamp`."""
     began = item.t1 is None or item.t1 < stamp
     return item.t2 is None and item.t3 is not None and began and stamp < item.t3
 
