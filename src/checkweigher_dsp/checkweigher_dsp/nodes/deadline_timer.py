@@ -13,7 +13,8 @@ class DeadlineTimer:
     """Timer for the next deadline, with a clock of arrivals and a clock of stamps, both in ns.
 
     The clock of arrivals is the monotonic clock of the computer. The clock of stamps shows the time
-    in the stamps of the messages. If it is not `running`, no verdict becomes overdue.
+    in the stamps of the messages. If the clock of stamps is not `running`, it stands still between
+    two messages, and no verdict becomes overdue.
     """
 
     def __init__(self, node: PortNode, callback: Callable[[], None], *, running: bool) -> None:
@@ -31,13 +32,14 @@ class DeadlineTimer:
         return self.clock.at(time.monotonic_ns())
 
     def saw(self, stamp: int) -> None:
-        """Set the clock of the stamps by the stamp of a message that has just arrived."""
+        """Set the clock of stamps by the stamp of a message that has just arrived."""
         self.clock.saw(stamp, time.monotonic_ns())
 
     def set(self, due: int | None, stamp: int | None) -> None:
         """Set the timer to the earlier of two times, or clear it if no time is known.
 
-        `due` is a time on the clock of arrivals, and `stamp` a time on the clock of stamps.
+        `due` is a time on the clock of arrivals, and `stamp` a time on the clock of stamps. If the
+        clock of stamps is not running, `due` and a future `stamp` count as unknown.
         """
         times = [due if self.clock.running else None]
         if stamp is not None:

@@ -11,8 +11,8 @@ from checkweigher_core.records import NUMBERS_AT_ONCE
 from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.state_files import make_folder, state_file, sync_folder
 
-_LINE = 100  # length of the first line, which identifies the run, in bytes
-_NUMBER = 21  # length of each other line, which contains a number, in bytes.
+_LINE = 100  # length in bytes of the first line, which identifies the run
+_NUMBER = 21  # length in bytes of each further line, which contains one number.
 # First line of a file with a path. It replaces the identity of the run, because such a file is
 # valid in all runs.
 _KEPT = 'kept over runs'
@@ -57,7 +57,11 @@ class GivenNumbers:
             self._fail(error)
 
     def _begin(self, file: int, run: str) -> bool:
-        """Read the file, or create it for a new run. Returns whether the numbers were intact."""
+        """Read the file, or write an empty one for a new run. Returns whether it was intact.
+
+        A file is intact if its first line is that of this run, and if the other lines contain a
+        number or are all blank.
+        """
         line = run[: _LINE - 1].ljust(_LINE - 1) + '\n'
         data = os.pread(file, _LINE + self._most * _NUMBER, 0).decode(errors='replace')
         places = data[_LINE:].splitlines() if data.startswith(line) else []
@@ -77,10 +81,11 @@ class GivenNumbers:
     def give(self, number: int) -> None:
         """Write a number before it is used.
 
-        The number is stored even if the process is killed. The file does not grow, so that it can
-        be written on a full disk. Only the first number after a start and the first number of each
-        thousand are synchronised with the disk. This suffices after a power failure, because the
-        segmenter continues at the next thousand.
+        If the number cannot be written, `trouble` is set, and no further number is written. A
+        number that was written is stored even if the process is killed. The file does not grow, so
+        that it can be written on a full disk. Only the first number after a start and the first
+        number of each thousand are synchronised with the disk. This suffices after a power failure,
+        because the segmenter continues at the next thousand.
         """
         if self._file is None:
             return

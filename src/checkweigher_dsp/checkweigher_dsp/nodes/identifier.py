@@ -42,7 +42,11 @@ class IdentifierNode(StageNode[IdentifierParameters]):
         )
 
     def start(self) -> None:
-        """Begin to process windows, and write the learned state of the file to the audit log."""
+        """Start to publish diagnostics, and write the learned state to the audit log.
+
+        A learned state that was read from the file is written if it is used for weighing, or if a
+        change of the machine was detected.
+        """
         super().start()
         self._note_learned()
 
@@ -52,7 +56,7 @@ class IdentifierNode(StageNode[IdentifierParameters]):
         super().destroy_node()
 
     def on_parameters(self) -> None:
-        """Apply changed parameters."""
+        """Apply changed parameters. If learning is switched on, read the learned state first."""
         known = self._identifier.learned
         if self.parameters.learn and not known.kinds:
             self._record.close()
@@ -81,7 +85,7 @@ class IdentifierNode(StageNode[IdentifierParameters]):
             self._note_learned()
 
     async def _on_forget(self, request: Any, response: Any) -> Any:
-        """Delete the learned state after an entry is written to the audit log."""
+        """Delete the learned state, unless the entry in the audit log cannot be written."""
         name = self.get_fully_qualified_name()
         if reason := await self.change_record.write(changes.LEARNED, name, 'forgotten'):
             response.message = f'{reason}: not forgotten'

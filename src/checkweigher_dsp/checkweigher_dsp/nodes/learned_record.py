@@ -42,14 +42,17 @@ class LearnedRecord:
         return None
 
     def write(self, known: LearnedKinds, *, now: bool = False) -> None:
-        """Replace the content of the file. With `now`, wait until the file is written."""
+        """Replace the content of the file in the background. With `now`, wait until it is written.
+
+        If there is no file, nothing is written. If the file cannot be written, `trouble` is set.
+        """
         if self._path is not None:
             written = self._writer.submit(self._write, self._path, known)
             if now:
                 written.result()
 
     def close(self) -> None:
-        """Wait until the file is written."""
+        """Wait until the file is written, and end the thread that writes it."""
         self._writer.shutdown()
 
     def _write(self, path: Path, known: LearnedKinds) -> None:

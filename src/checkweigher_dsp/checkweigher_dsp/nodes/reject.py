@@ -88,14 +88,21 @@ class RejectNode(ManagedStageNode[RejectParameters]):
             self._stops.show()
 
     def activate(self) -> None:
-        """Begin to publish verdicts, and withdraw the stop request NotReady."""
+        """Begin to publish verdicts, and replace the stop request NotReady.
+
+        It is replaced by the request of the monitor, or withdrawn if there is none. A complete item
+        gets its verdict at once, because its mass may have been missed.
+        """
         self._monitor.restart()
         self._stops.begin()
         self._verdicts.send(self._stage.judge_complete(self._timer.now))
         self._update()
 
     def deactivate(self) -> None:
-        """Request a stop, and publish the verdicts on all items without awaiting their masses."""
+        """Request a stop, and publish the verdicts on all items without awaiting their masses.
+
+        If the node was not active, no verdicts are published.
+        """
         was_active = self._stops.active
         self._stops.end()
         if was_active:
@@ -172,7 +179,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
             self._update()
 
     def _go_on(self) -> None:
-        """Publish the verdicts that are due if the node is active."""
+        """If the node is active, publish the verdicts that are due."""
         if not self._stops.active:
             return
         unknown = self._stage.early.unknown

@@ -38,8 +38,8 @@ from checkweigher_dsp.segmentation.segmenter import Segmenter
 _MAX_EARLY = 1_000  # maximum number of blocks and edges that wait for load_cell/info.
 # The status is sent with the samples instead of by a timer, because a replay waits for it, and
 # because the permission to run the line must expire if no samples arrive.
-_STATUS_INTERVAL = 0.2  # duration of the signal between two messages in s
-_STATUS_BLOCKS = 100  # largest number of blocks between two messages
+_STATUS_INTERVAL = 0.2  # duration in s of the signal between two status messages
+_STATUS_BLOCKS = 100  # largest number of blocks between two status messages
 _ANSWER_PERIOD = 0.01  # interval between two checks of the connections in s
 _ZERO_PATIENCE = 15.0  # timeout in s of the service zero.
 # Time in s without samples after which items are announced by their edges alone.
@@ -207,10 +207,11 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         self._answer_timer.set(_in(_ANSWER_PERIOD))
 
     def _answer(self) -> None:
-        """Notify the driver that its stream can begin if all connections are complete.
+        """Notify the driver that its stream can begin, as soon as all connections are complete.
 
-        The driver knows whether its publishers have found the subscriptions of this node. Only this
-        node knows whether its subscriptions have found the publishers.
+        Until then, the connections are checked every 0.01 s. The driver knows whether its
+        publishers have found the subscriptions of this node. Only this node knows whether its
+        subscriptions have found the publishers.
         """
         if self._segmenter is None or any(entry.count() == 0 for entry in self._events):
             self._answer_timer.set(_in(_ANSWER_PERIOD))
@@ -218,7 +219,10 @@ class SegmenterNode(StageNode[SegmenterParameters]):
             self._publish_status(StreamState.RUNNING)
 
     def _finish_if_ended(self) -> None:
-        """Finish the stream if all records that the driver sent have been processed."""
+        """Finish the stream if all records that the driver sent have been processed.
+
+        Otherwise wait for the missing records for another 2 s.
+        """
         if self._end is None or self._segmenter is None:
             return
         if (self._segmenter.samples, self._segmenter.edges) == self._end:

@@ -55,11 +55,14 @@ class StopRequests:
 
     @property
     def request(self) -> StopRequest | None:
-        """Stop request of the node, or None if the line may run."""
+        """Stop request of the node, or None if no stop is requested."""
         return self._monitor.request if self.active else _NOT_READY
 
     def begin(self) -> None:
-        """Begin to monitor the line, because the node has become active."""
+        """Publish the request of the monitor, because the node has become active.
+
+        If the monitor requests no stop, the request NotReady is withdrawn.
+        """
         self.active = True
         self._shown = self.request
         self.output.send(self._shown)

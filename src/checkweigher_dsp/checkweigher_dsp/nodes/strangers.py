@@ -18,8 +18,9 @@ _UNNAMED = '_NODE_NAME_UNKNOWN_'  # name of a publisher that DDS finds before it
 def strangers(publishers: Iterable[str], maker: str) -> list[str]:
     """Return the names of the nodes that publish a topic, apart from `maker`, its proper node.
 
-    If all publishers have the same name, there is no stranger. Several publishers of one name are
-    permitted, because DDS lists the publisher of a killed node until its lease ends.
+    If all publishers have the same name, there is no stranger, even if the name is not `maker`.
+    Several publishers of one name are permitted, because DDS lists the publisher of a killed node
+    until its lease ends.
     """
     names = set(publishers)
     return sorted(names - {maker}) if len(names) > 1 else []
@@ -37,7 +38,10 @@ class StrangerWatch:
         self.found = ''  # strangers of the last check with their topics, or empty
 
     def look(self) -> str:
-        """Return the strangers among the publishers of all watched topics, with their topics."""
+        """Return a text with the strangers that publish watched topics, and with these topics.
+
+        The text is empty if there are no strangers.
+        """
         topics: dict[str, list[str]] = {}
         for topic, maker in self._makers.items():
             if self._node.count_publishers(topic) < 2:  # Counting is faster than reading the names.

@@ -108,7 +108,10 @@ class WeighingLine:
         return self._judge(self._with_announced(self._segmenter.take(event)))
 
     def finish(self) -> list[Weighing]:
-        """End the stream, and return the items that are still on the belt as faults."""
+        """End the stream, and return the remaining items.
+
+        The items that are still on the belt, or whose samples have not arrived, are faults.
+        """
         return self._judge(self._with_announced(self._segmenter.finish()))
 
     def weigh_all(self, events: Iterable[SampleBlock | EyeEdge]) -> Iterator[Weighing]:
