@@ -27,7 +27,9 @@ class BatchTally:
     items: int = 0  # number of items
     accepted: int = 0  # number of accepted items
     below_tu1: int = 0  # number of accepted items below TU1
-    surplus: float = 0.0  # sum over the accepted items of mass minus nominal weight, in kg
+    # Sum over the accepted items of mass minus nominal weight, in kg. Items of a product without a
+    # nominal weight are not included.
+    surplus: float = 0.0
 
     @classmethod
     def of(cls, record: Verdict | ProductOnLine) -> 'BatchTally':
@@ -67,7 +69,10 @@ class BatchRules:
         return latest
 
     def judge(self, verdict: Verdict, product: ProductOnLine) -> Verdict:
-        """Apply the rules to a verdict, and return it with the counts of its batch."""
+        """Apply the rules to a verdict, and return it with the counts of its batch.
+
+        The decision ACCEPT becomes UNDER if the item would break a rule.
+        """
         tally = self.remember(BatchTally.of(product))
         decision, reasons = verdict.decision, verdict.reasons
         if decision is Decision.ACCEPT and (broken := broken_rules(verdict.mass, tally, product)):

@@ -41,7 +41,10 @@ class Deadlines:
         self._came: dict[int, int] = {}  # arrival times of the latest outfeed edges, by stamp
 
     def add_edge(self, edge: EyeEdge, now: int) -> int:
-        """Add an edge that arrived at `now`, and return when it would have arrived undelayed."""
+        """Add an edge that arrived at `now`.
+
+        Returns the time at which the edge would have arrived without a transmission delay.
+        """
         came = self._arrivals.came(edge.stamp, now)
         if edge.eye == Eye.OUTFEED and edge.blocked:
             self._came[edge.stamp] = came
@@ -57,7 +60,11 @@ class Deadlines:
             self._line_speed = item.line_speed
 
     def set(self, pending: PendingItem, now: int | None) -> None:
-        """Set the reject time and the deadline of a complete item."""
+        """Set the reject time of a complete item and, unless `now` is None, its deadline.
+
+        If the reject time or the arrival of the outfeed edge is unknown, the deadline is a fixed
+        time after `now`.
+        """
         t3, speed = pending.item.t3, pending.item.line_speed
         pending.reject_at = reject_at = self.parameters.reject_time(t3, speed)
         if now is None:
@@ -70,11 +77,12 @@ class Deadlines:
         pending.due = pending.late_from - self._head_start(t3, reject_at)
 
     def of_edge(self, edge: OutfeedEdge, speed: float) -> tuple[int, int | None]:
-        """Return the deadline and the reject time of an item with only its outfeed edge known.
+        """Return the deadline and the reject time of an item whose outfeed edge is unannounced.
 
-        `speed` is the belt speed of the item in m/s, or NaN. The reject time is None if it is
-        unknown. After a start of the stage, the deadline is later, so that latched announcements
-        can arrive before it.
+        `speed` is the belt speed of the item in m/s. If it is NaN, the speed of the last announced
+        item is used. The reject time is None if no plausible speed is known or nothing has been
+        announced yet. After a start of the stage, the deadline is later, so that latched
+        announcements can arrive before it.
         """
         if self._heard is None:
             return edge.came + PATIENCE_UNHEARD, None
@@ -89,8 +97,9 @@ class Deadlines:
     def await_devices(self, pending: PendingItem, over: int | None, now: int | None) -> bool:
         """Set the deadline of a verdict that waits for inspection devices.
 
-        `over` is the stamp at which all devices have answered. Returns whether the verdict waits.
-        It does not wait beyond the deadline of the item.
+        `over` is the stamp at which the answer times of all devices are over, or None if the
+        verdict waits for no device. Returns whether the verdict waits. The verdict does not wait
+        beyond the deadline of the item, and without `now` it does not wait at all.
         """
         ready = None if over is None else self._arrivals.at(over)
         if now is None or ready is None or ready <= now:
@@ -100,7 +109,11 @@ class Deadlines:
         return pending.due > now
 
     def is_late(self, verdict: Verdict, late_from: int | None, now: int | None) -> bool:
-        """Return whether a verdict is too late for the rejector or its station."""
+        """Return whether a verdict is too late for the rejector or its station.
+
+        `late_from` is the arrival time after which the verdict is too late for the rejector, or
+        None if this time is not stored for the item. Without `now`, the result is False.
+        """
         if now is None:
             return False
         reject_at = verdict.reject_at

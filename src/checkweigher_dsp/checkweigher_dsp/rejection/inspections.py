@@ -69,7 +69,9 @@ class _Signal:
     """Reject by a device."""
 
     reject: ExternalReject
-    forget_at: int  # time in ns on the clock of arrivals at which the reject counts as missed
+    # Time in ns on the clock of arrivals at which the reject is removed. It counts as missed if it
+    # was not applied to an item before.
+    forget_at: int
     used: bool = False  # whether the reject was applied to an item
 
 
@@ -103,7 +105,11 @@ class Inspections:
             self._outages.append(Span(stamp, _EVER))
 
     def add(self, reject: ExternalReject, weigh_length: float | None, now: int) -> None:
-        """Add a reject that arrived at `now`, possibly after the verdict on its item."""
+        """Add a reject that arrived at `now`, possibly after the verdict on its item.
+
+        The reject is missed, and `missed` is set, if its item was already accepted, or if it names
+        neither an item nor a known device. `weigh_length` is the distance between the eyes in m.
+        """
         for verdict, passage in reversed(self.judged):
             if self._is_of(reject, verdict.item_id, passage):
                 if verdict.decision is Decision.ACCEPT:
@@ -120,7 +126,10 @@ class Inspections:
         self._signals.append(_Signal(reject, now + patience))
 
     def over_at(self, passage: Passage | None) -> int | None:
-        """Return the stamp at which all devices have answered for an item, or None."""
+        """Return the stamp at which the answer times of all devices are over for an item.
+
+        The result is None if there are no devices, or if the passage of the item is unknown.
+        """
         return max((span.end for _, span in self._spans(passage)), default=None)
 
     def _spans(self, passage: Passage | None) -> Iterator[tuple[str, Span]]:

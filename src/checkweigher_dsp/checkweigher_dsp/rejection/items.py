@@ -58,7 +58,11 @@ class PendingItems:
         return pending
 
     def has_verdict(self, number: int) -> bool:
-        """Return whether an item has a verdict."""
+        """Return whether an item has a verdict.
+
+        All numbers up to the largest number that is no longer stored count as numbers of items with
+        a verdict.
+        """
         return number in self._judged or number <= self._forgotten
 
     def judged_here(self, number: int) -> bool:
@@ -101,7 +105,10 @@ class PendingItems:
         return number in self._own
 
     def on_belt(self, before: int | None = None) -> list[PendingItem]:
-        """Return the items on the belt by number, only those below `before` unless it is None."""
+        """Return the items that are not complete, in the order of their numbers.
+
+        If `before` is not None, only items with a smaller number are returned.
+        """
         return [
             each
             for number, each in sorted(self.pending.items())

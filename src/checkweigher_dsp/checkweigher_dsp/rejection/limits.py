@@ -9,16 +9,18 @@ from checkweigher_core.records import Decision, Item, MassEstimate, ProductOnLin
 from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.rejection.parameters import RejectParameters
 
-# A standard deviation is plausible up to the mass, or up to this value in kg if it is larger.
+# A standard deviation is plausible up to the mass. If the mass is below this value in kg, it is
+# plausible up to this value.
 _NOISE = 1e-3
 
 
 def judge(estimate: MassEstimate, parameters: RejectParameters, product: ProductOnLine) -> Verdict:
     """Return the verdict on an estimate by the limits of the product.
 
-    An item without a mass is a FAULT. An item with a wrong length or speed or an implausible
-    standard deviation, or during a performance test, is also a FAULT, but with its mass.
-    An item that only the guard band rejects (JCGM 106:2012, 8.3) has the reason GuardBand.
+    An item without a mass is a FAULT. An item is also a FAULT, but with its mass, if its length or
+    speed is wrong, if its standard deviation is implausible, if no product is selected although one
+    is needed, or if a performance test is in progress. An item that only the guard band rejects
+    (JCGM 106:2012, 8.3) has the reason GuardBand.
     """
     reasons = estimate.reasons or tuple(why.value for why in objections(estimate, product))
     # Add this reason even without a mass, because such a pass also counts in the test.
@@ -92,7 +94,8 @@ def tolerance(product: ProductOnLine) -> float:
     """Return the tolerance of a product in kg.
 
     It is half the accepted range of masses, or the distance from the nominal weight to the lower
-    limit if this is smaller.
+    limit if there is a nominal weight and this distance is smaller. A missing limit counts as
+    infinite. The tolerance is not less than 0.
     """
     allowed = (product.upper_limit - product.lower_limit) / 2
     below = product.nominal - product.lower_limit if product.nominal else math.inf

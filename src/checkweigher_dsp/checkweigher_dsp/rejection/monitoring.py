@@ -25,7 +25,8 @@ from checkweigher_dsp.rejection.parameters import RejectParameters
 _REASONS = {reason.value: reason for reason in StopReason}
 
 _FAILED_IN_A_ROW = 2  # number of successive failures of a stage that stops the line
-_DRIFT_TIME = 600.0  # shortest time in s in which drift changes the zero by the largest step
+# Shortest time in s in which a drift changes the zero by the largest permitted step.
+_DRIFT_TIME = 600.0
 
 
 @dataclass(slots=True, eq=False)
@@ -39,10 +40,11 @@ class _Expected:
 
 
 class RejectMonitor:
-    """Monitor that compares the verdicts with the edges of the eye behind the rejector.
+    """Monitor of the rejector, which also collects the other reasons to stop the line.
 
-    An edge of this eye belongs to the item with the nearest reject time, within
-    ``confirmation_time``. The edge is evaluated as soon as no nearer item can follow.
+    The monitor compares the verdicts with the edges of the eye behind the rejector. An edge belongs
+    to the item with the nearest reject time, within ``confirmation_time``. The edge is evaluated as
+    soon as no nearer item can follow.
     """
 
     def __init__(self, parameters: RejectParameters) -> None:
@@ -50,7 +52,7 @@ class RejectMonitor:
         self.request: StopRequest | None = None  # first stop request since the last reset
         self.trouble = ''  # problem of the driver, or empty
         self.conditions = MachineConditions(0, True)
-        self.test: PerformanceTest | None = None  # latest state of the performance test
+        self.test: PerformanceTest | None = None  # latest state of the performance test, or None
         self.strangers = ''  # foreign nodes that publish topics of the line, or empty
         self.zero_step = ''  # excessive step of the zero since it was last set, or empty
         self._zero: tuple[float, int] | None = None  # last zero in kg and its time in ns
@@ -90,7 +92,8 @@ class RejectMonitor:
         """Request a stop if the zero has changed suddenly since the previous item.
 
         The limit is the lesser of ``max_zero_step`` and the `tolerance` of the product in kg, plus
-        an allowance for drift.
+        an allowance for drift. If ``max_zero_step`` is 0, no stop is requested. An estimate without
+        t1 or without a zero is ignored.
         """
         if estimate.t1 is None or not math.isfinite(estimate.zero):
             return
@@ -109,7 +112,7 @@ class RejectMonitor:
         self._zero = change.zero, change.stamp
 
     def add_edge(self, edge: EyeEdge) -> None:
-        """Add an edge of the eye behind the rejector."""
+        """Add an edge of the eye behind the rejector. Edges that clear the eye are ignored."""
         if self._window and edge.blocked:
             self._edges.append(edge.stamp)
 
@@ -161,7 +164,8 @@ class RejectMonitor:
     def _settle(self, stamp: int) -> bool:
         """Assign an edge to the item with the nearest reject time.
 
-        Returns False if no reject time is within ``confirmation_time`` of the edge.
+        Returns whether there is an item whose reject time is within ``confirmation_time`` of the
+        edge. A rejected item is confirmed. For an accepted item, a stop is requested.
         """
         nearest = min(self._expected, key=lambda i: abs(i.reject_at - stamp), default=None)
         if nearest is None or abs(nearest.reject_at - stamp) > self._window:
@@ -181,5 +185,5 @@ def _forbids(test: PerformanceTest, now: int) -> bool:
 
 
 def _counted_on(count: int, again: bool) -> int:
-    """Return a count of successive events, increased by 1 if it happened `again`, otherwise 0."""
+    """Return `count` plus 1 if the counted event has occurred `again`, otherwise 0."""
     return count + 1 if again else 0

@@ -18,7 +18,7 @@ class OutfeedEdge:
     """Edge at which an item began to leave."""
 
     stamp: int  # time stamp in ns
-    came: int  # arrival in ns on the clock of arrivals
+    came: int  # time in ns on the clock of arrivals at which it would arrive without a delay
     after: int  # largest item number so far when the edge arrived
 
 
@@ -40,7 +40,11 @@ class OutfeedWatch:
         self._judged: deque[tuple[int | None, int]] = deque(maxlen=_MOST)
 
     def add(self, edge: EyeEdge, came: int, after: int) -> None:
-        """Add an edge that arrived at `came`; `after` is the largest item number at this time."""
+        """Add an edge that has just arrived.
+
+        `came` is the time in ns at which the edge would have arrived without a delay. `after` is
+        the largest item number so far.
+        """
         self._stamps.append(edge.stamp)
         if edge.eye != Eye.OUTFEED:
             return
@@ -54,7 +58,7 @@ class OutfeedWatch:
         self.open = [*self.open, OutfeedEdge(edge.stamp, came, after)][-_MOST:]
 
     def explain(self, t3: int | None) -> None:
-        """Remove the edge of an announced item."""
+        """Remove the edge of an announced item, or ignore this edge if it arrives later."""
         if t3 is not None:
             self._explained.append(t3)
             self.remove(t3)

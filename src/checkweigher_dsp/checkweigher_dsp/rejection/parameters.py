@@ -238,7 +238,8 @@ class RejectParameters(Parameters):
         """Return the reject time of an item in ns, which is the time of the signal to the rejector.
 
         The item reaches the outfeed eye at t3 in ns, and `speed` is the belt speed in m/s. The
-        reject time is t3 + rejector_distance / speed - actuator_delay, or None if it is unknown.
+        reject time is t3 + rejector_distance / speed - actuator_delay. The result is None if t3 is
+        None, or if the speed is NaN or not between 0.001 and 100 m/s.
         """
         if t3 is None or not _SLOWEST <= speed <= _FASTEST:
             return None

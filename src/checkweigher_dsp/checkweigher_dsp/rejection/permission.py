@@ -21,8 +21,9 @@ class PermissionRule:
 
     The line may run if all `stages` have sent a sign of life in the last `fresh_time` s, all inputs
     have a publisher, and no stop is requested. Without `deadlines`, only a stop request withdraws
-    the permission. The segmenter is monitored by its number of processed samples. All times are
-    those of a monotonic clock, in ns.
+    the permission. A status of the segmenter with a new number of processed samples is a further
+    sign of life, which must be as recent as those of the stages. All other times are in ns on a
+    monotonic clock.
     """
 
     def __init__(self, fresh_time: float, stages: Iterable[str] = (), *, deadlines: bool) -> None:
@@ -53,7 +54,10 @@ class PermissionRule:
         return self._given
 
     def fresh_for(self, now: int) -> int:
-        """Return the time until the first sign of life expires, or 0 if one has expired."""
+        """Return the time until the first sign of life expires, or 0 if one has expired.
+
+        The result is also 0 if one of the required signs of life has never arrived.
+        """
         oldest = min(sign or 0 for sign in self._signs.values())
         return max(oldest + self._fresh_time - now, 0)
 

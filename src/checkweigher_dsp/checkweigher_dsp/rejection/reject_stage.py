@@ -87,7 +87,11 @@ class RejectStage:
     def take(
         self, record: Item | EyeEdge | MassEstimate | StreamStatus, now: int | None = None
     ) -> list[Verdict]:
-        """Add a record or a status of the segmenter, and return the verdicts that are due."""
+        """Add a record or a status of the segmenter, and return the verdicts that it causes.
+
+        Verdicts that are due because of their deadline are returned by `advance`. Without `now`, an
+        edge is ignored.
+        """
         if isinstance(record, Item):
             return self._add_item(record, now)
         if isinstance(record, MassEstimate):
@@ -154,7 +158,10 @@ class RejectStage:
         return [] if waits else [self._give(pending, now)]
 
     def advance(self, now: int | None) -> list[Verdict]:
-        """Return the verdicts that are due."""
+        """Return the verdicts that are due, and remove the expired estimates and rejects.
+
+        If `now` is None, no verdict is due, and nothing expires.
+        """
         if now is None:
             return []
         pending = self.items.pending.values()

@@ -12,7 +12,11 @@ RESTART = 2 * NANOSECONDS
 
 
 def belt_speed(t1: int | None, t3: int | None, length: float | None) -> float:
-    """Return the belt speed in m/s from edges in ns at a distance in m, or NaN if it is unknown."""
+    """Return the belt speed in m/s, or NaN if it is unknown.
+
+    `t1` and `t3` are the times in ns at which an item reaches the infeed and the outfeed eye, and
+    `length` is the distance between the eyes in m.
+    """
     if t1 is None or t3 is None or t3 <= t1 or length is None:
         return math.nan
     return length * NANOSECONDS / (t3 - t1)
@@ -41,7 +45,10 @@ class StreamClock:
         return stamp + (now - came if self.running else 0)
 
     def reaches(self, stamp: int, now: int) -> int | None:
-        """Return the arrival time at which the clock shows `stamp`, or None if it is unknown."""
+        """Return the arrival time at which the clock shows `stamp`, or None if it is unknown.
+
+        If the clock already shows `stamp` or a later time, the result is `now`.
+        """
         time = self.at(now)
         if time is None or (time < stamp and not self.running):
             return None
