@@ -17,10 +17,12 @@ from checkweigher_dsp.signal.rise_lag import RiseLag
 # Number of standard deviations by which a significant value differs from 0.
 _SURE = 4.0
 # The lag of an item is replaced by the usual lag if both differ by at most `_LIKELY` standard
-# deviations. If the lag of the item would shift its window, the limit is `_ALIKE`.
+# deviations. If the lag of the item would shift its window, the limit is `_ALIKE` standard
+# deviations.
 _LIKELY = 2.5
 _ALIKE = 1.0
-# Smallest shift of a window in s. The lags of platforms differ by up to 5e-4 s.
+# Smallest shift of a window in s. A smaller lag does not shift the window, because the lags of
+# platforms differ by up to 5e-4 s.
 _LEAST_SHIFT = 6e-4
 # Variation of the rise time between items, as a fraction of the rise time.
 _SHARE = 0.02
@@ -75,19 +77,27 @@ class EdgeCheck:
 
     @property
     def reference(self) -> float:
-        """Lag that the items are compared with, or NaN until it is learned."""
+        """Lag that the items are compared with.
+
+        It is 0 if the stated lag was measured, otherwise the learned lag, or NaN until a lag is
+        learned.
+        """
         return 0.0 if self.is_stated else self.learned
 
     @property
     def change(self) -> float:
-        """Difference between `lag` and `reference`, or NaN with fewer than eight items."""
+        """Change of the lag, which is `lag` minus `reference`.
+
+        It is NaN with fewer than eight items, or if `reference` is NaN.
+        """
         return self.lag - self.reference if len(self._recent) == _RECENT else math.nan
 
     def check(self, seen: RiseLag, speed: float, length: float) -> float | None:
         """Check an item and return the shift of its window behind the edges in s.
 
         Returns 0 if the edges agree with the rise `seen` in the signal, and None if they contradict
-        it. `speed` is the belt speed in m/s and `length` the length of the item in m.
+        it. If the rise is not visible, the usual lag is checked instead. `speed` is the belt speed
+        in m/s and `length` the length of the item in m.
         """
         self._begin_kind(speed, length)
         self.shift_std_dev = 0.0
@@ -132,7 +142,10 @@ class EdgeCheck:
         return median(last) if len(last) == _LAST else math.nan
 
     def _bend(self) -> tuple[float, float]:
-        """Return the part of the lag due to an uneven rise, and its standard deviation."""
+        """Return the part of the lag due to an uneven rise, and its standard deviation.
+
+        Both are 0 if the stated lag was measured, or if the part is not significant.
+        """
         if self.is_stated:
             return 0.0, 0.0
         bend = median(each.bend for each in self._first)

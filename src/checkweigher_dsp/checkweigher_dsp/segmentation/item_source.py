@@ -82,11 +82,17 @@ class ItemSource:
         return items
 
     def track_before(self, limit: float = math.inf) -> list[TrackedItem]:
-        """Return the items of the edges before `limit`, in ns, without waiting for samples."""
+        """Process the edges before `limit`, in ns, without waiting for their samples.
+
+        Returns the items that are finished or given up.
+        """
         return self._track(self.queue.pop_while(lambda edge: edge.stamp < limit))
 
     def finish_edges(self) -> list[TrackedItem]:
-        """Return the items of all edges, without waiting for samples."""
+        """Process all edges, including strays, without waiting for their samples.
+
+        Returns the items that are finished or given up.
+        """
         return self._track(self.queue.pop_all())
 
     def give_up(self, reason: Reason) -> list[TrackedItem]:
@@ -121,7 +127,11 @@ class ItemSource:
         )
 
     def _is_unloaded(self, since: int, stamp: int) -> bool:
-        """Return whether all items that entered after `since` have left by `stamp`, both in ns."""
+        """Return whether the load shows that all items that entered after `since` have left.
+
+        The load is that of the samples from `since` to `stamp`, both in ns. If a sample is missing,
+        the result is False.
+        """
         buffer = self._buffer
         if buffer.empty:
             return False

@@ -33,13 +33,14 @@ class LoadCheck:
 
     def __init__(self) -> None:
         self._shaking = 0.0  # median change of the empty belt in counts
-        self._is_of_window = False  # whether its segments had the length of a window
+        self._is_of_window = False  # whether the segments of this median had the length of a window
 
     def is_steady(self, window: NDArray[np.int32], empty: NDArray[np.int32], zero: float) -> bool:
         """Return whether a window contains the load of only one item.
 
         `window`, (n,), contains the counts while the item is fully on the belt, and `empty`, (m,),
-        the counts of the empty belt before the item. `zero` is the zero in counts.
+        the counts of the empty belt before the item. `zero` is the zero in counts. If the window
+        has fewer than eight samples, the result is True.
         """
         size = len(window)
         self._watch(empty, size)
@@ -70,7 +71,8 @@ def is_unloaded(counts: NDArray[np.int32], size: int, zero: float) -> bool:
     """Return whether the items that entered during the samples `counts`, (n,), have left.
 
     The mean load of the last `size` samples is compared with the largest mean load of successive
-    parts of this size. `zero` is the zero in counts.
+    parts of this size. `zero` is the zero in counts. If there are not at least two such parts, the
+    result is False.
     """
     number = len(counts) // size if size > 0 else 0
     if number < 2:

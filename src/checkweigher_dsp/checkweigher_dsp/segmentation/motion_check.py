@@ -32,7 +32,11 @@ class MotionCheck:
         self._usual = self._last = None
 
     def measure(self, item: TrackedItem) -> tuple[float, float]:
-        """Return the belt speed in m/s and product length in m, or NaN if an edge is missing."""
+        """Return the belt speed in m/s and the product length in m.
+
+        Both are NaN if t1 or t3 is missing or t3 is not after t1. Only the length is NaN if t2 is
+        missing.
+        """
         if item.t1 is None or item.t3 is None or item.t3 <= item.t1:
             return math.nan, math.nan
         speed = self._weigh_length / seconds(item.t3 - item.t1)

@@ -121,7 +121,11 @@ class Segmenter:
         return self.cutter.cut()
 
     def idle_belt(self) -> NDArray[np.int32]:
-        """Return the last samples of an empty belt without ring-down, (n,), where n may be 0."""
+        """Return the last samples of an empty belt without ring-down, (n,) in counts.
+
+        The samples cover at most ``zero_time``. If the belt has not been empty for long enough, or
+        if samples were lost, n is 0.
+        """
         begin, end = self._empty_span() or (0, 0)
         begin = max(begin, end - round(self._parameters.zero_time * self.load_cell.sample_rate))
         whole = begin < end and self._buffer.is_whole(begin, end)
@@ -157,7 +161,10 @@ class Segmenter:
         return windows
 
     def _restart_if_new(self, block: SampleBlock) -> list[WeighWindow]:
-        """Begin a new stream if a block belongs to one, and return the lost items as faults."""
+        """Begin a new stream if a block shows a restart of the source or a jump of the clock.
+
+        Returns the remaining windows of the previous stream as `give_up` does.
+        """
         buffer = self._buffer
         if len(block.counts) == 0 or buffer.empty:
             return []

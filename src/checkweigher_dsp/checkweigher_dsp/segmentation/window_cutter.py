@@ -73,7 +73,7 @@ class WindowCutter:
         self.jumped = False  # whether the samples begin after a jump of the clock
 
     def take(self, items: Iterable[TrackedItem]) -> None:
-        """Add items, which wait for their samples."""
+        """Check the start, speed and length of items, and let the items wait for their samples."""
         items = list(items)
         self._failures.each(self._check, lambda item: item.fault(Reason.STAGE_FAILED), items)
         self._waiting += items
@@ -95,7 +95,8 @@ class WindowCutter:
     def cut(self, *, wait: bool = True) -> list[WeighWindow]:
         """Return the windows of the items whose samples have arrived.
 
-        With `wait`, the samples after t3 must have arrived too.
+        With `wait`, the samples after t3 must have arrived too. The window of a fault contains no
+        samples, so that a fault only waits for the first sample of the stream.
         """
         found = self._failures.each(
             partial(self._cut, wait=wait),
@@ -198,7 +199,11 @@ class WindowCutter:
         return item.item_id, item.t1, item.t2, item.t3, speed, length, line_speed
 
     def _check_rise(self, item: TrackedItem, place: _Place) -> Reason | None:
-        """Set the shift of an item, or return the reason if the rise contradicts the edges."""
+        """Set the shift of an item, or return the reason why its edges contradict the samples.
+
+        Returns None if there is no contradiction. Nothing is checked if ``rise_lag_tolerance`` is 0
+        or the shift is already set.
+        """
         if not self._parameters.rise_lag_tolerance or item.shift is not None:
             return None
         buffer, rate, last = self._buffer, self._load_cell.sample_rate, place.end - 1
@@ -228,7 +233,7 @@ class WindowCutter:
         return Reason.EDGE_MISMATCH if alone else Reason.DISTANCE_FAULT
 
     def _see_rise(self, item: TrackedItem, place: _Place) -> RiseLag:
-        """Return the lag of the rise of the load, which is unknown if other items may be there."""
+        """Return the lag of the rise of the load, unknown if other items may be on the belt."""
         buffer, cell = self._buffer, self._load_cell
         entry, begin, end = place.entry, place.begin, place.end
         earliest = buffer.whole_from(entry - self._samples(_BEFORE_RISE), entry)

@@ -12,7 +12,7 @@ from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.sample_buffer import SampleBuffer
 from checkweigher_dsp.segmentation.zero_tracking import Zero, ZeroLimits, ZeroTracker
 
-_PATIENCE = 10.0  # duration of the signal in s after which a request fails
+_PATIENCE = 10.0  # duration of the signal in s, beyond edge_lateness, after which a request fails
 Span = tuple[int, int]  # index of the first sample, and one past the last sample
 
 
@@ -45,7 +45,8 @@ class ZeroKeeper:
         )
         self._requested: int | None = None  # index of the first sample after the request
         self._why_not = ''
-        self.answer: ZeroAnswer | None = None  # answer to the last request, or None while it waits
+        # Answer to the last request. None while the request waits, and before the first request.
+        self.answer: ZeroAnswer | None = None
 
     @property
     def zero(self) -> Zero:
@@ -88,7 +89,11 @@ class ZeroKeeper:
             self._requested = None
 
     def _set(self, begin: int, end: int) -> ZeroAnswer | None:
-        """Set the zero by the samples [begin, end). Returns None if the samples cannot be used."""
+        """Set the zero by the samples [begin, end), and return the answer to the request.
+
+        If the zero would be outside ``zero_range``, it is not set, and the answer has no change.
+        Returns None if samples were lost or the belt was not at rest, so that the request waits.
+        """
         if not self._buffer.is_whole(begin, end):
             self._why_not = 'samples were lost'
             return None

@@ -99,7 +99,7 @@ class _Motion:
         """Correct zero and drift by a reading with the variance `noise`.
 
         Returns the variance of the corrected zero. The zero is limited to the `allowed` range. At a
-        limit, the variance of the filter is not reduced.
+        limit, the drift and the variance of the filter are not changed.
         """
         innovation, variance = reading - self.value, self.variance + noise
         # A constant term of the logarithm is omitted.
@@ -188,10 +188,10 @@ class ZeroTracker:
     def update(self, time: float, counts: NDArray[np.int32], settled: bool = True) -> Zero:
         """Update the zero by a segment of the empty belt that ends at `time` in s.
 
-        `counts` has the shape (n,). If the segment is unstable or has fewer than two samples, the
-        zero is only predicted. If the segment has not `settled` after a product, the variance of
-        its samples is used, because the effect of the ring-down is similar after each product and
-        does not average out.
+        `counts` has the shape (n,). If the segment is unstable or has fewer than two samples, or if
+        its reading must be confirmed by a second segment, the zero is only predicted. If the
+        segment has not `settled` after a product, the variance of its samples is used, because the
+        effect of the ring-down is similar after each product and does not average out.
         """
         allowed = -math.inf, math.inf
         if self._stamp is not None:
