@@ -49,7 +49,11 @@ class Gateway:
     intake: Intake
 
     async def start(self) -> str:
-        """Start the service, and return its address for the user."""
+        """Start the service, and return its address for the user.
+
+        Raises `GatewayError`, or another ValueError with a message for the user, if the service
+        cannot start.
+        """
         raise NotImplementedError
 
     async def take(self, taken: Taken) -> None:
@@ -75,7 +79,7 @@ def serve(kind: str, settings: GatewaySettings, namespace: str | None = None) ->
     kind : str
         Kind of the gateway, one of `KINDS`.
     settings : GatewaySettings
-        Settings of all gateways. If the section of the gateway is missing, it has the defaults.
+        Settings of all gateways. A gateway whose section is missing has the default settings.
     namespace : str, optional
         Namespace of the only lane, or None for all lanes.
 

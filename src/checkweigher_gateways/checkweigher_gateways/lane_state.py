@@ -41,9 +41,10 @@ class PackState(IntEnum):
 class LaneState:
     """Latest records and diagnostics of a lane.
 
-    A record is None until it is received; `alarms` is then empty, and `zero` is NaN. `stop` is also
-    None while no stop is requested. `zero` is the zero of the belt relative to the calibration, in
-    kg.
+    A record is None until it is received. Until then, `alarms` is empty and `zero` is NaN. `stop`
+    is also None while no stop is requested. `zero` is the zero of the belt relative to the
+    calibration, in kg. `is_active` is false if the latest diagnostics of the driver report that the
+    driver is inactive, and true before the first diagnostics.
     """
 
     name: str
@@ -58,7 +59,11 @@ class LaneState:
 
     @property
     def pack_state(self) -> PackState:
-        """PackML state of the lane."""
+        """PackML state of the lane.
+
+        It is STOPPED if the lane is not active, otherwise EXECUTE without a stop request, ABORTED
+        if the stop is due to a problem of the driver, and HELD for any other stop request.
+        """
         if not self.is_active:
             return PackState.STOPPED
         if self.stop is None:

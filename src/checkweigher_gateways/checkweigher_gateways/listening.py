@@ -47,7 +47,8 @@ class Intake:
 
     The ROS thread only appends to the queue. If the queue is full, the oldest record is dropped and
     counted. If `kept` is true, verdicts that were published before the subscription are received as
-    well.
+    well. `namespace` is the namespace of the only lane, or None for all lanes in the ROS graph.
+    `findings` returns the findings of the gateway, which are published as diagnostics.
 
     Attributes
     ----------
@@ -56,7 +57,7 @@ class Intake:
     spinner : Spinner
         Executor of the nodes.
     nodes : set of str
-        Names of all nodes in the ROS graph.
+        Names, without namespaces, of all nodes that the last search has found in the ROS graph.
     """
 
     def __init__(

@@ -110,7 +110,11 @@ class Metrics(Gateway):
         }
 
     async def start(self) -> str:
-        """Start the HTTP server, which has its own thread."""
+        """Start the HTTP server in its own thread, and return the URL of the metrics.
+
+        Raises `CertificateError` if the certificate or its key cannot be used, and `GatewayError`
+        if the server cannot listen at the address.
+        """
         its, tls = self._settings, bool(self._settings.certificate)
         if tls:
             check_pair(Path(its.certificate), Path(its.key))
@@ -167,7 +171,10 @@ class Metrics(Gateway):
                 self._deviations.labels(lane).observe(verdict.mass / product.nominal - 1)
 
     def _note(self, message: Any) -> None:
-        """Update level, time and values of the metrics of each node with its diagnostics."""
+        """Update the level, the report time and the figures of each node in a diagnostics message.
+
+        Nodes that are not in `_REPORTING` are ignored.
+        """
         stamp = message.header.stamp
         for status in message.status:
             path, _, aspect = status.name.partition(': ')

@@ -48,9 +48,10 @@ class MqttGateway(Gateway):
     """MQTT gateway. Verdicts wait on the disk while the broker cannot be reached.
 
     The threads of paho only put events into a queue. Each connection has its own client, because
-    the will of each connection contains another number. An item is stored before it is published,
-    and marked as sent when the broker has confirmed it. The retained message
-    ``delivered`` (the mark) contains the number of the last item that the broker has received.
+    the Sparkplug will of each connection contains a different number, bdSeq. An item is stored
+    before it is published, and marked as sent when the broker has confirmed it. The retained
+    message ``delivered`` (the mark) contains the number of the last item that the broker has
+    received.
     """
 
     kept: ClassVar[bool] = True
@@ -187,7 +188,11 @@ class MqttGateway(Gateway):
         return self._client.publish(topic, data, qos, retain).mid
 
     def _show(self, lane: LaneState) -> None:
-        """Publish the state of a lane if it has changed. The first one after NBIRTH is a DBIRTH."""
+        """Publish the state of a lane if it has changed.
+
+        With Sparkplug, the first state of a lane after the NBIRTH is a DBIRTH with all metrics of
+        the lane. Each later state is a DDATA.
+        """
         now, before = _state(lane), self._shown.get(lane.name)
         if now == before:
             return
@@ -231,7 +236,10 @@ class MqttGateway(Gateway):
             self._confirmations[self._publish(self._mark, mark, retain=True)] = number
 
     def _hear(self, message: MQTTMessage) -> None:
-        """Process a mark, a command or a rebirth request. Other messages are ignored."""
+        """Process a mark, a command or a rebirth request.
+
+        Other messages and invalid messages are ignored.
+        """
         with suppress(ValueError, KeyError, TypeError, IndexError):
             if message.topic == self._mark:
                 self._hear_mark(json.loads(message.payload), retained=message.retain)
@@ -303,7 +311,7 @@ class MqttGateway(Gateway):
         )
 
     async def close(self) -> None:
-        """Publish the death message, and disconnect from the broker."""
+        """Close the store. If connected, first publish the death message and disconnect."""
         client = self._client
         if client is not None and not self._trouble:
             death: tuple[str, str | bytes] = f'{self._root}/online', 'false'
@@ -355,7 +363,7 @@ def _item_metrics(body: dict[str, Any]) -> dict[str, object]:
     }
 
 
-# Sparkplug metric of each value of the state.
+# Names of the Sparkplug metrics, by the names of the values of a lane state.
 _WORDS = {
     'state': 'State',
     'stop_reason': 'Stop/Reason',

@@ -211,7 +211,11 @@ class OpcuaGateway(Gateway):
     async def _act(
         self, lane: str, what: str, role: Role, action: Any, *values: ua.Variant
     ) -> ua.StatusCode:
-        """Perform an action for the caller of a method, and send its outcome as an event."""
+        """Perform an action for the caller of a method, and send its outcome as an event.
+
+        The status is Good, BadInvalidState if the action has failed, or BadUserAccessDenied,
+        without an event, if the role of the caller is below `role`.
+        """
         caller = CALLER.get()
         if caller is None or caller.rank < role:
             return ua.StatusCode(ua.StatusCodes.BadUserAccessDenied)
@@ -228,7 +232,10 @@ class OpcuaGateway(Gateway):
         return ua.StatusCode(good)
 
     async def _acknowledge(self, condition: ua.NodeId, *_: ua.Variant) -> ua.StatusCode:
-        """Acknowledge all alarms of the lane to which a condition belongs."""
+        """Acknowledge all alarms of the lane to which a condition belongs.
+
+        The status is that of `_act`, or BadNodeIdUnknown if the condition belongs to no lane.
+        """
         named = str(condition.Identifier)
         for lane, space in self._lanes.items():
             if named.startswith(f'{space.name}.Alarms '):

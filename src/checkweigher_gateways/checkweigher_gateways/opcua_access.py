@@ -27,9 +27,9 @@ class Caller(User):
     rank: Role = Role.VIEWER
 
 
-# User who sent the request that the current asyncio task handles.
+# User who sent the request that the current asyncio task handles, or None without such a user.
 CALLER: ContextVar[Caller | None] = ContextVar('caller', default=None)
-# User whose password the current asyncio task has checked.
+# User whose password the current asyncio task has checked, or None if no valid one was checked.
 _CHECKED: ContextVar[Caller | None] = ContextVar('checked', default=None)
 
 _CREATE, _ACTIVATE = (
@@ -47,7 +47,9 @@ class Users(UserManager):
     def __init__(self, users: UserFile) -> None:
         self._users = users
         self._throttle = Throttle()
-        self._turn = asyncio.Lock()  # for one password at a time, so that the throttle counts all
+        # Lock for the check of a password, so that a login cannot start before the throttle has
+        # counted the previous failed login.
+        self._turn = asyncio.Lock()
 
     async def check(self, username: str, password: str) -> Caller | None:
         """Return the user, or None if the login is wrong or comes too soon after failed logins.
@@ -71,7 +73,10 @@ class Users(UserManager):
         password: Any = None,
         certificate: Any = None,
     ) -> User | None:
-        """Return the user whose password was checked, or an anonymous user if there is no name."""
+        """Return the user whose password was checked, or an anonymous user if there is no name.
+
+        Returns None, which refuses the session, if the password was not valid.
+        """
         if username is None:
             return Caller(UserRole.User, 'anonymous')
         return _CHECKED.get()

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""OPC UA nodes of a lane, which is a CheckweigherType of OPC 40200."""
+"""OPC UA nodes of a lane, which is an instance of the CheckweigherType of OPC 40200."""
 
 import asyncio
 from collections.abc import Awaitable, Callable, Iterable, Mapping
@@ -98,7 +98,7 @@ class LaneSpace:
         return self._server.get_node(self._id(path))
 
     async def _add(self, path: str, kind: int) -> None:
-        """Add an object of a type in the Scales model, and delete the nodes not in `_KEPT`."""
+        """Add an object of a type in the Scales model, and delete its nodes not in `_KEPT`."""
         parent, _, name = path.rpartition('.')
         above = self._server.get_node(self._id(parent) if path else machines(self._spaces))
         own = ua.QualifiedName(name or self.name, self._spaces.own)
@@ -123,11 +123,15 @@ class LaneSpace:
                     await self._delete(below)
 
     async def _delete(self, node: Node) -> None:
-        """Delete a node to which no reference leads, and the nodes of the lane below it."""
+        """Delete a node and the nodes of the lane below it.
+
+        The caller must have deleted the reference from the parent to the node.
+        """
         for child in await node.get_children():
             if child.nodeid.NamespaceIndex == self._spaces.own:
                 await self._delete(child)
-        # References to the node are kept, because the server would search all nodes for them.
+        # Do not let the server delete references to the node, because it would search all nodes for
+        # them, and the only reference is that of the parent.
         session = self._server.iserver.isession
         await delete_nodes(session, [node], delete_target_references=False)
 
@@ -231,7 +235,10 @@ class LaneSpace:
             await self._count(state.statistics)
 
     async def show_item(self, verdict: Verdict) -> None:
-        """Update the masses with an item, and send an event if the item is not accepted."""
+        """Update the masses with an item, and send an event if the item is not accepted.
+
+        The masses are not changed by an item without a mass.
+        """
         stamp = verdict.time
         if math.isfinite(verdict.mass):
             item = str(verdict.item_id)
@@ -282,7 +289,7 @@ class LaneSpace:
         self._products = dict(products)
 
     async def _count(self, statistics: Statistics) -> None:
-        """Update the counters of the product on the line."""
+        """Update the name of the product on the line and, if its nodes exist, its counters."""
         await self._set('ProductionPreset.CurrentProducts', [statistics.product])
         await self._set('TU1Percent', 100 * statistics.share_below_tu1)
         if statistics.product not in self._products:

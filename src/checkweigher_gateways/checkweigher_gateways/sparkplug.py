@@ -148,7 +148,7 @@ class EdgeNode:
         return self.topic('NDEATH'), encode({BD_SEQ: self._bd_seq}, stamp)
 
     def birth(self, metrics: Mapping[str, object], stamp: int) -> tuple[str, bytes]:
-        """Return topic and payload of the NBIRTH, and restart the sequence numbers."""
+        """Return topic and payload of the NBIRTH, and restart the sequence numbers at 0."""
         self._seq = 0
         own = {BD_SEQ: self._bd_seq, REBIRTH: False, **metrics}
         return self.topic('NBIRTH'), encode(own, stamp, 0)

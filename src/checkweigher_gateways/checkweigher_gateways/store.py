@@ -80,7 +80,7 @@ class Store:
         self.waiting = int(counted.fetchone()[0])
 
     def after(self, number: int, count: int) -> Iterator[tuple[int, str, str]]:
-        """Return number, lane and body of up to `count` waiting items after a number."""
+        """Yield number, lane and body of up to `count` waiting items after a number, in order."""
         return self._database.execute(
             'SELECT number, lane, body FROM items WHERE sent = 0 AND number > ?'
             ' ORDER BY number LIMIT ?',
