@@ -112,7 +112,7 @@ class Belt:
         self.covered = False  # whether an unknown or abandoned item blocks the outfeed eye
         self.entered_last: TrackedItem | None = None
         self.left_last: TrackedItem | None = None
-        # Latest item with t1, which is kept when the clock changes.
+        # Latest item with t1. Unlike `entered_last`, it is kept when the clock changes.
         self.begun: TrackedItem | None = None
         # Latest time in ns at which an unknown item left, or the last item left once more after
         # chatter of the eye, or the scale showed an empty belt. None if there is no such time.
@@ -219,7 +219,10 @@ class Belt:
             self.miss(item, item.entered + self.transit.max_transit)
 
     def abandon(self, reason: Reason) -> None:
-        """Give up all items with a reason, because the stream has ended."""
+        """Give up all items as faults with a reason, because the stream has ended.
+
+        A change of the source or of the clock also ends a stream.
+        """
         _set_state(filter(None, (*self.abandoned, self.at_outfeed)), State.GONE)
         self.fault_all(reason)
         _set_state(self.items, State.ABANDONED)

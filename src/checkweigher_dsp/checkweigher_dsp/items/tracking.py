@@ -27,8 +27,8 @@ class ItemTracker:
 
     An eye that clears for less than `debounce`, in ns, chatters. An item that has not reached the
     outfeed eye after `max_transit`, in ns, is given up. `count` is the number of the last item
-    before this tracker was created. `belt_lengths` is the length of the belt divided by the length
-    of a product, or 0 if the latter is unknown. See `Belt` for `unloaded`.
+    before this tracker was created, or 0. `belt_lengths` is the length of the belt divided by the
+    length of a product, or 0 if the latter is unknown. See `Belt` for `unloaded`.
     """
 
     def __init__(
@@ -93,7 +93,7 @@ class ItemTracker:
         return self.belt.take_finished()
 
     def give_up(self, reason: Reason) -> list[TrackedItem]:
-        """Give up and return all items on the belt, because the stream has ended."""
+        """Give up all items on the belt as faults with a reason, and return them."""
         settle_first(self.belt)
         self.belt.abandon(reason)
         if self.eyes.newest is not None:

@@ -313,7 +313,7 @@ def _go(belt: Belt, switch: Switch) -> TrackedItem | None:
 
 
 def _uncover(belt: Belt, switch: Switch) -> bool:
-    """Clear the eye if the edge only shows its initial state, or if an unknown item blocked it."""
+    """Mark the eye as clear if the edge only shows the initial state or an unknown item left."""
     return (_show_state(belt, switch) or belt.covered) and _free(belt, switch)
 
 
