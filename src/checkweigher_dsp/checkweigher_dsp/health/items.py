@@ -38,7 +38,7 @@ _FEWEST_USUAL = 30
 _FREQUENCY_CHANGE = 0.2
 _SWINGS = 0.5  # damping ratio from which the frequency is ignored, because it is uncertain
 _UNCERTAIN = 0.5  # fraction of max_relative_std_dev above which a warning is given
-_MAX_EDGES = 200  # maximum number of stored edges
+_MAX_EDGES = 200  # maximum number of stored outfeed edges
 _NO_MASSES = 3  # number of successive items without a mass for an error
 
 
@@ -149,7 +149,8 @@ class ConvergenceWatch:
     def finding(self, now: float, max_relative_std_dev: float) -> Finding:
         """Return the finding on the aspect Convergence.
 
-        `max_relative_std_dev` is a parameter of the identifier.
+        `max_relative_std_dev` is a parameter of the identifier. A warning is given if the median of
+        standard deviation divided by mass exceeds half of it.
         """
         for recent in (self._items, self._relative, self._frequency, self._damping, self._usual):
             recent.forget(now)
@@ -217,7 +218,8 @@ class VerdictTiming:
     def verdicts(self, now: float, verdict_margin: float, *, deadlines: bool) -> Finding:
         """Return the finding on the aspect Verdicts.
 
-        `verdict_margin`, in s, and `deadlines` are parameters of the reject stage.
+        `verdict_margin`, in s, and `deadlines` are parameters of the reject stage. Without
+        `deadlines`, late verdicts and small margins are not reported.
         """
         for recent in (self._latency, self._margin, self._late):
             recent.forget(now)

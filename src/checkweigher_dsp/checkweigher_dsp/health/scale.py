@@ -25,7 +25,7 @@ _SHORTEST_DRIFT = 300.0  # shortest period in s, below which noise may look like
 _WARM_UP = 1800.0  # warm-up time of a load cell in s
 _STEP = 5.0  # smallest change of the zero that is not a drift, in standard deviations
 _NEAR_LIMIT = 0.75  # fraction of zero_range above which a warning is given
-_UPDATE_PATIENCE = 120.0  # longest time in s in which products pass but the zero is not updated
+_UPDATE_PATIENCE = 120.0  # longest time in s in which products pass without an update of the zero.
 # Length of the FFT in samples. A shorter segment is zero-padded, and of a longer segment, only the
 # end is used.
 _FFT_LENGTH = 1024
@@ -183,7 +183,7 @@ class BeltNoiseWatch:
 
     @property
     def frequency(self) -> float:
-        """Frequency in Hz of the strongest spectral line above 2 Hz, or NaN without noise."""
+        """Frequency in Hz of the strongest spectral line from 2 Hz, or NaN without noise."""
         lowest = math.ceil(_LOWEST_FREQUENCY * _FFT_LENGTH / self._rate)
         if not self._power[lowest:].any():
             return math.nan

@@ -17,9 +17,11 @@ _MILLI = 1e3
 # Change of the lag of the load behind the photo-eye edges, in ms, above which an error is given.
 # Differences between products cause changes of up to a third of this value.
 _CHANGED = 1.5
-_LARGE = 2.0  # difference in ms between the lag and the stated lag above which a warning is given
+# Difference in ms between the lag and the stated lag above which a warning is given, or an error if
+# the lag is too large to be learned.
+_LARGE = 2.0
 _MANY_UNCHECKED = 0.5  # fraction of unchecked items above which a warning is given
-_FEWEST = 10  # minimum number of items for the findings on the lag
+_FEWEST = 10  # minimum number of items for findings on a large lag and on unchecked items
 
 
 class SegmenterWatch:
