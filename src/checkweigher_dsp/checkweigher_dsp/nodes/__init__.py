@@ -4,6 +4,6 @@
 
 import os
 
-# Set the number of threads here, because numpy reads this variable when it is imported. One thread
-# is fastest for the small matrices of an item.
+# Set the number of threads here, before a node imports numpy, because numpy reads the variable when
+# it is imported. One thread is fastest for the small matrices of an item.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')

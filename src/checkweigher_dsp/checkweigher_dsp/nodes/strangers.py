@@ -12,7 +12,7 @@ from checkweigher_core.ros import ports
 from checkweigher_core.ros.graph.place import full_name
 
 _WATCHED = tuple(port for port in ports.ALL if port.maker in ports.NODES)
-_UNNAMED = '_NODE_NAME_UNKNOWN_'  # name of a publisher that DDS finds before its node
+_UNNAMED = '_NODE_NAME_UNKNOWN_'  # node name of a publisher whose node is not known yet
 
 
 def strangers(publishers: Iterable[str], maker: str) -> list[str]:
@@ -54,6 +54,6 @@ class StrangerWatch:
         return self.found
 
     def finding(self) -> Finding:
-        """Return the finding of the aspect Publishers, by the last call of `look`."""
+        """Return the finding on the aspect Publishers, from the last call of `look`."""
         concern = error_if(bool(self.found), self.found, Reason.FOREIGN_PUBLISHER.hint)
         return conclude('Publishers', 'each topic of the line has one publisher', [concern])

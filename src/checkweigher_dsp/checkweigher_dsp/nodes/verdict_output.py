@@ -40,7 +40,7 @@ class VerdictOutput:
         self._watch.add_edge(time.monotonic(), stamp)
 
     def send(self, verdicts: list[Verdict]) -> None:
-        """Publish verdicts of the reject stage."""
+        """Publish verdicts, and store the numbers of the items that were passed over."""
         passed_over, self._items.passed_over = self._items.passed_over, []
         for number in passed_over:
             self._numbers.give(number)
@@ -68,7 +68,7 @@ class VerdictOutput:
         self._numbers.give(verdict.item_id)
 
     def findings(self, now: float) -> list[Finding]:
-        """Return the findings of the aspects Verdicts and Line."""
+        """Return the findings on the aspects Verdicts and Line."""
         node = self._node
         no_masses = node.diagnostics.connections.lacks_input(ports.MASS_ESTIMATE)
         margin, deadlines = node.parameters.verdict_margin, node.parameters.deadlines

@@ -26,14 +26,14 @@ class BatchTally:
     batch: str = ''  # name of the batch
     items: int = 0  # number of items
     accepted: int = 0  # number of accepted items
-    below_tu1: int = 0  # number of accepted items below TU1
+    below_tu1: int = 0  # number of accepted items below TU1.
     # Sum over the accepted items of mass minus nominal weight, in kg. Items of a product without a
     # nominal weight are not included.
     surplus: float = 0.0
 
     @classmethod
     def of(cls, record: Verdict | ProductOnLine) -> 'BatchTally':
-        """Return the counts in a record."""
+        """Return the names and counts of the batch that a record contains."""
         counts = (getattr(record, f'batch_{name}') for name in _COUNTS)
         return cls(record.product, record.batch, *counts)
 

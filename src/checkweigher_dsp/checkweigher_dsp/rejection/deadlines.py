@@ -30,8 +30,8 @@ class Deadlines:
 
     def __init__(self, parameters: RejectParameters) -> None:
         self.parameters = parameters  # parameters, which may be replaced at any time
-        self._line_speed = math.nan  # belt speed of the last item in m/s
-        self._heard: int | None = None  # arrival time of the first announcement
+        self._line_speed = math.nan  # last announced belt speed in m/s, or NaN
+        self._heard: int | None = None  # arrival time of the first announcement, or None
         self.restart()
 
     def restart(self) -> None:

@@ -128,7 +128,11 @@ class EarlyEstimates:
         self._waiting: dict[int, tuple[MassEstimate, int | None]] = {}
 
     def add(self, estimate: MassEstimate, until: int | None) -> None:
-        """Add an estimate that expires at a time on the clock of arrivals, or never if None."""
+        """Add an estimate.
+
+        `until` is the time on the clock of arrivals at which the estimate expires. If it is None,
+        the estimate does not expire.
+        """
         self._waiting[estimate.item_id] = estimate, until
 
     def take(self, number: int) -> MassEstimate | None:

@@ -9,8 +9,8 @@ from checkweigher_core.records import Decision, Item, MassEstimate, ProductOnLin
 from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.rejection.parameters import RejectParameters
 
-# A standard deviation is plausible up to the mass. If the mass is below this value in kg, it is
-# plausible up to this value.
+# A standard deviation in kg is plausible if it does not exceed the mass, or if it does not exceed
+# this value.
 _NOISE = 1e-3
 
 

@@ -24,7 +24,7 @@ from checkweigher_dsp.rejection.parameters import RejectParameters
 
 _REASONS = {reason.value: reason for reason in StopReason}
 
-_FAILED_IN_A_ROW = 2  # number of successive failures of a stage that stops the line
+_FAILED_IN_A_ROW = 2  # number of successive failures of a stage that stops the line.
 # Shortest time in s in which a drift changes the zero by the largest permitted step.
 _DRIFT_TIME = 600.0
 
@@ -140,7 +140,10 @@ class RejectMonitor:
         self.request = self.request or StopRequest(reason, item_id, stamp, text)
 
     def advance(self, now: int) -> int:
-        """Evaluate edges and items up to `now` in ns, and return the number of unassigned edges."""
+        """Evaluate the edges and items that are due, and return the number of unassigned edges.
+
+        `now` is a stamp in ns. If no edge has confirmed a rejected item, a stop is requested.
+        """
         window = self._window
         near = [self._settle(stamp) for stamp in self._edges if stamp + window < now]
         self._edges = [stamp for stamp in self._edges if stamp + window >= now]
@@ -151,7 +154,10 @@ class RejectMonitor:
         return near.count(False)
 
     def reset(self, now: int) -> None:
-        """Clear the stop request and the counters. A persistent reason requests a stop again."""
+        """Clear the stop request, the counters, and the edges and items that are not evaluated yet.
+
+        A persistent reason requests a stop again. `now` is the time of the system clock in ns.
+        """
         self.request = None
         self._in_a_row = self._failed_in_a_row = 0
         self.restart()

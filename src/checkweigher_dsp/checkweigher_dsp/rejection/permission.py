@@ -62,7 +62,7 @@ class PermissionRule:
         return max(oldest + self._fresh_time - now, 0)
 
     def finding(self) -> Finding:
-        """Return the finding of the aspect Permission, by the last call of `may_run`."""
+        """Return the finding on the aspect Permission, from the last call of `may_run`."""
         concerns = [
             Concern(Level.WARN, f'withdrawn: no {name}', _HINTS.get(name, _STAGE_HINT))
             for name in self._missing

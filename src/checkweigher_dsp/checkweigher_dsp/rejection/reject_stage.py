@@ -209,7 +209,10 @@ class RejectStage:
         ]
 
     def stop(self, now: int | None = None) -> list[Verdict]:
-        """Return the verdicts on all announced items, without waiting for their masses."""
+        """Return the verdicts on all announced items, without waiting for their masses.
+
+        The waiting edges and estimates are discarded.
+        """
         self.restart()
         self.early.clear()
         self._watch.open.clear()

@@ -38,7 +38,11 @@ class Station:
 
 
 def station_of(text: str, distance: float, delay: float, name: str) -> Station:
-    """Return the station that a text describes. Raises `ParameterError` if a word is wrong."""
+    """Return the station that a text describes.
+
+    Raises `ParameterError`, with the `name` of the parameter, if the text is empty or contains a
+    word that is not a decision that rejects, a reason, or a range of masses.
+    """
     words, ranges = set[str](), list[tuple[float, float]]()
     for word in text.split():
         if '..' in word:

@@ -44,7 +44,7 @@ class ZeroLimits:
 
     range: float = math.inf  # largest distance from the zero of calibration in counts
     rate: float = math.inf  # maximum rate of change in counts/s
-    stability: float = math.inf  # largest difference between parts of a segment in counts
+    stability: float = math.inf  # largest difference of means of parts of a segment, in counts
 
 
 class _Motion:
