@@ -19,7 +19,7 @@ from checkweigher_gateways.listening import Taken
 from checkweigher_gateways.settings import GatewaySettings, MetricsSettings
 from checkweigher_web.access.certificate import check_pair
 
-_R10 = (1.0, 1.25, 1.6, 2.0, 2.5, 3.15, 4.0, 5.0, 6.3, 8.0)  # series R10 of ISO 3
+_R10 = (1.0, 1.25, 1.6, 2.0, 2.5, 3.15, 4.0, 5.0, 6.3, 8.0)  # series R10 of ISO 3.
 # Bounds of the mass histogram in g.
 MASSES = [float(f'{step}e{decade}') for decade in (1, 2, 3, 4) for step in _R10]
 # Bounds of the deviation histogram, as fractions of the nominal mass.

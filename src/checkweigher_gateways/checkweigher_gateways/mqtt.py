@@ -76,7 +76,11 @@ class MqttGateway(Gateway):
         self._mark = f'{self._root}/delivered'
 
     async def start(self) -> str:
-        """Open the store, and connect to the broker in the background."""
+        """Open the store, and connect to the broker in the background.
+
+        Returns the URL of the broker with the first levels of the topics. Raises `GatewayError` if
+        the store or the certificates cannot be used.
+        """
         its = self._settings
         path = Path(its.store) if its.store else state_file(f'gateway_mqtt.{self._node}.sqlite')
         try:

@@ -109,7 +109,11 @@ class OpcuaGateway(Gateway):
         self._namespaces: Namespaces | None = None
 
     async def start(self) -> str:
-        """Load the models, and start the server."""
+        """Load the models, start the server, and return its URL.
+
+        Raises `GatewayError` if the models, the certificate or the address cannot be used, or if
+        the address is not a loopback address and there is no certificate.
+        """
         # Suppress the log of asyncua, because it contains an entry for each refused client.
         logging.getLogger('asyncua').setLevel(logging.CRITICAL)
         its = self._settings
@@ -160,7 +164,10 @@ class OpcuaGateway(Gateway):
         server.set_identity_tokens([*anonymous, ua.UserNameIdentityToken])
 
     async def take(self, taken: Taken) -> None:
-        """Update the nodes of a lane with a record."""
+        """Update the nodes of a lane with a record.
+
+        Diagnostics and other records of the state are shown by the next call of `turn`.
+        """
         self._states.take(taken)
         if taken.port is DIAGNOSTICS:
             return

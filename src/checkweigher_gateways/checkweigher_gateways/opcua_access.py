@@ -97,7 +97,7 @@ class _Processor(UaProcessor):
         return await super()._process_message(typeid, header, sequence, body)
 
     async def _check(self, header: Any, body: Any) -> Caller | None:
-        """Return the user who activates a session, or None if the password is not valid."""
+        """Return the user who activates a session, or None for no user name or a wrong password."""
         token = struct_from_binary(ua.ActivateSessionParameters, body).UserIdentityToken
         session = self.session or self.iserver.lookup_external_session(header.AuthenticationToken)
         if session is None or not isinstance(token, ua.UserNameIdentityToken):

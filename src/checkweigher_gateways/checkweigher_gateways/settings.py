@@ -76,5 +76,8 @@ class GatewaySettings(Settings):
 
 
 def read_gateways(path: Path | None) -> GatewaySettings:
-    """Return the settings in a file, or defaults. Raises `SettingsError` if they are invalid."""
+    """Return the settings in a file, or the default settings if `path` is None.
+
+    Raises `SettingsError` if the file cannot be read or a setting is not valid.
+    """
     return GatewaySettings() if path is None else read_settings(path, GatewaySettings)
