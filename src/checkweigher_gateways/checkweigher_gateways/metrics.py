@@ -113,7 +113,7 @@ class Metrics(Gateway):
         """Start the HTTP server in its own thread, and return the URL of the metrics.
 
         Raises `CertificateError` if the certificate or its key cannot be used, and `GatewayError`
-        if the server cannot listen at the address.
+        if the server cannot listen at the address or read the file of the client certificates.
         """
         its, tls = self._settings, bool(self._settings.certificate)
         if tls:

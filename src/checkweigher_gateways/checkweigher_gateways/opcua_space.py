@@ -75,7 +75,7 @@ _RECORDED = 'RegisteredWeight', 'RegisteredWeight.WeightId'  # variables with a 
 
 
 def _time(stamp: int | None) -> datetime | None:
-    """Return the time of a stamp in ns, None if it is unknown."""
+    """Return the time of a stamp in ns in UTC, or None if the stamp is None."""
     return None if stamp is None else datetime.fromtimestamp(stamp / NANOSECONDS, UTC)
 
 

@@ -219,7 +219,7 @@ class VerdictTiming:
         """Return the finding on the aspect Verdicts.
 
         `verdict_margin`, in s, and `deadlines` are parameters of the reject stage. Without
-        `deadlines`, late verdicts and small margins are not reported.
+        `deadlines`, late verdicts and small margins cause no error or warning.
         """
         for recent in (self._latency, self._margin, self._late):
             recent.forget(now)

@@ -14,12 +14,12 @@ _REMEMBERED = 64  # number of edges that are kept to detect repeated edges
 
 @dataclass(slots=True)
 class Switch:
-    """Change of the state of an eye."""
+    """Edge of an eye, with the previous edge and the item that was at the eye."""
 
     stamp: int  # time in ns
     previous: EyeEdge | None  # previous edge of the same eye, or None if there is none
-    there: TrackedItem | None  # known item that blocked the eye before the change, or None
-    blocked: bool  # whether an item blocks the eye after the change
+    there: TrackedItem | None  # known item that blocked the eye before this edge, or None
+    blocked: bool  # whether the eye is blocked after this edge
 
 
 class Eyes:

@@ -200,7 +200,10 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         self._update()
 
     def _update(self) -> None:
-        """Pass changes between the stage, the monitor and the stop request, and set the timer."""
+        """Pass the reasons for a stop to the monitor, publish its request, and set the timer.
+
+        If the node is not active, only the foreign nodes and the inspection devices are checked.
+        """
         stage, monitor = self._stage, self._monitor
         stage.foreign = bool(monitor.strangers)
         stamp = self._timer.stamp

@@ -97,7 +97,7 @@ class Inspections:
         self.set_running(running, stamp if running else stamp - _LATENESS)
 
     def set_running(self, running: bool, stamp: int) -> None:
-        """Store whether all devices are running from `stamp` on."""
+        """Store whether all devices are running from `stamp`, in ns, until the next call."""
         last = self._outages[-1]
         if running and last.end == _EVER:
             self._outages[-1] = Span(last.begin, stamp)
