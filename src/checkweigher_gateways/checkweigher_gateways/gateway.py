@@ -85,8 +85,9 @@ def serve(kind: str, settings: GatewaySettings, namespace: str | None = None) ->
 
     Raises
     ------
-    GatewayError, SettingsError
-        If the gateway cannot start.
+    ValueError
+        If the gateway cannot start, for example as `GatewayError` or `CertificateError`. The
+        message is for the user.
     """
     module: Any = import_module(f'checkweigher_gateways.{kind}')
     gateway: Gateway = module.make(settings)
