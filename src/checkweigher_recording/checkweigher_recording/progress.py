@@ -12,10 +12,10 @@ from typing import Any, NamedTuple, TypeVar
 
 T = TypeVar('T')
 
-_DELAY = 1.0  # delay of the bar in s
+_DELAY = 1.0  # time in s until the bar appears, and twice the least time between two lines
 _FORMAT = '{desc}: {percentage:3.0f}%|{bar}| {elapsed}, about {remaining} left'
 
-# Name of the environment variable that, if it is set, selects lines of text instead of a bar.
+# Name of an environment variable. If it is set, lines of text are printed instead of a bar.
 PROGRESS = 'CHECKWEIGHER_PROGRESS'
 _LINE = 'progress {:.4f}, {:.1f} s left: {}'
 _READ = re.compile(r'progress (\S+), (\S+) s left: (.*)')
@@ -46,13 +46,14 @@ def with_progress(
 ) -> Iterable[T]:
     """Return an iterable that yields the same items and shows a progress bar.
 
-    The bar appears only on a terminal, and only after one second. If the environment variable
-    CHECKWEIGHER_PROGRESS is set and `total` is known, lines of text are printed instead, which
-    `read_progress` can parse.
+    The bar appears only if the standard error stream is a terminal, and only after one second. If
+    the environment variable CHECKWEIGHER_PROGRESS is set and `total` is known and not 0, lines of
+    text are printed to the standard output instead, which `read_progress` can parse.
 
-    `total` is the number of items. By default, it is the length of `items`. If the items take
-    unequal time, `size` returns the amount of work of an item, and `total` is the sum of these
-    amounts. If `shown` is False, neither a bar nor lines appear.
+    `total` is the number of items. By default, it is the length of `items`, and it is unknown if
+    `items` has no length. If the items take unequal time, `size` returns the amount of work of an
+    item, and the caller must pass the sum of these amounts as `total`. If `shown` is False, neither
+    a bar nor lines appear.
     """
     total = len(items) if total is None and isinstance(items, Sized) else total
     if shown and total and PROGRESS in os.environ:

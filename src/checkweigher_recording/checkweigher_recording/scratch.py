@@ -18,11 +18,11 @@ _PREFIX = 'checkweigher-bag-'
 
 @contextmanager
 def scratch_folder() -> Iterator[Path]:
-    """Create a temporary folder, and remove it at the end of the block.
+    """Create a temporary folder, yield its path, and remove the folder when the context ends.
 
     The process holds a lock on its folder. The kernel releases the lock when the process ends, so
     `remove_abandoned` can recognize the folders of killed processes. These folders are removed
-    before the new folder is created.
+    before the new folder is created. If the file system does not support locks, they remain.
     """
     remove_abandoned()
     folder, lock = _locked_folder()
@@ -34,7 +34,10 @@ def scratch_folder() -> Iterator[Path]:
 
 
 def remove_abandoned() -> None:
-    """Remove the folders of this user whose processes have ended."""
+    """Remove the folders of `scratch_folder` whose processes have ended without removing them.
+
+    Folders of other users are kept, and all folders if the file system does not support locks.
+    """
     for folder in Path(tempfile.gettempdir()).glob(f'{_PREFIX}*'):
         try:
             lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)

@@ -18,7 +18,7 @@ def is_url(place: str) -> bool:
 
 
 def holds_bag(names: Iterable[str]) -> bool:
-    """Return whether a folder that has files with these names is a bag."""
+    """Return whether a folder with these files is a bag: it has ``metadata.yaml`` or ``.mcap``."""
     return any(name == 'metadata.yaml' or name.endswith('.mcap') for name in names)
 
 
@@ -26,8 +26,10 @@ def holds_bag(names: Iterable[str]) -> bool:
 def local_bag(bag: str) -> Iterator[Path]:
     """Yield the local path of a bag. If `bag` is a URL, this is the path of a temporary copy.
 
-    Raises `BagError` if the bag cannot be copied. In a `BagError` that is raised in the block, the
-    path of the copy is replaced by the URL.
+    The copy is removed when the context ends. If a `BagError` is raised within the context, the
+    path of the copy in its message is replaced by the URL.
+
+    Raises `BagError` if the bag cannot be copied.
     """
     if not is_url(bag):
         yield Path(bag)
@@ -44,7 +46,7 @@ def local_bag(bag: str) -> Iterator[Path]:
 
 @contextmanager
 def store_errors(url: str) -> Iterator[Callable[[str], tuple[Any, str]]]:
-    """Convert exceptions of the file system of a URL to `BagError`.
+    """Convert the exceptions of accesses to the file system of a URL to `BagError`.
 
     Yields the function ``fsspec.core.url_to_fs``, which returns the file system of a URL and the
     path within that file system.
@@ -70,7 +72,11 @@ def store_errors(url: str) -> Iterator[Callable[[str], tuple[Any, str]]]:
 
 
 def _copy(store: Any, path: str, copy: Path) -> None:
-    """Copy a file, or the files of a folder. Subfolders are not copied."""
+    """Copy a file, or the files of a folder, from a file system of fsspec to the path `copy`.
+
+    Subfolders are not copied. Raises `FileNotFoundError` if the folder has no files, and `BagError`
+    if it is not a bag. Exceptions of the file system are not converted.
+    """
     if path.endswith(('.mcap', '.db3')):
         store.get_file(path, str(copy))
         return

@@ -12,7 +12,8 @@ from checkweigher_recording.bags.definitions import BagError, bag_errors
 def bag_digest(path: Path) -> str:
     """Return the SHA-256 digest of a bag, which does not depend on the path of the bag.
 
-    The digest of a folder includes the name, the size and the content of each file.
+    The digest of a folder includes the name, the size and the content of each file, but not the
+    subfolders. The digest of a single file includes only its content.
 
     Raises `BagError` if there is no bag at `path`, or the bag cannot be read.
     """

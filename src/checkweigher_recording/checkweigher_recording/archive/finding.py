@@ -16,13 +16,14 @@ _SUFFIXES = ('.mcap', '.db3')
 def find_bags(places: Iterable[str]) -> dict[str, str]:
     """Return the bags in some places, as a mapping from each bag to its place.
 
-    A place is a path or a URL of fsspec. A bag is a ``.mcap`` or ``.db3`` file, or a folder with a
-    ``.mcap`` file or ``metadata.yaml``. The bags are in the order of `places`, and in alphabetical
-    order within a place. A bag that can be found by several paths is returned once. Folders whose
-    names begin with a dot are skipped. If a place has no bag or cannot be listed, the place itself
-    is returned as a bag, so that the caller gets the error when it reads that bag.
+    A place is a path or a URL of fsspec. If a place is a file, it is returned as a bag. If it is a
+    folder, it and its subfolders are searched for bags, which are folders with a ``.mcap`` file or
+    ``metadata.yaml``. Subfolders whose names begin with a dot are skipped, and so are those within
+    a bag. The bags are in the order of `places`, and in alphabetical order within a place. A bag
+    that can be found by several paths is returned once. If a place has no bag or cannot be listed,
+    the place itself is returned as a bag, so that the caller gets the error when it reads that bag.
 
-    Raises `BagError` if no place has a bag.
+    Raises `BagError` if there are places, but none of them has a bag.
     """
     found: dict[str, str] = {}
     seen: set[str] = set()
@@ -64,7 +65,7 @@ def result_names(found: Mapping[str, str]) -> dict[str, str]:
 
 
 def _spelled_out(bag: str) -> str:
-    """Return the absolute path of a bag without symbolic links, or its URL."""
+    """Return the absolute path of a local bag without symbolic links, or the URL of another bag."""
     path = bag.removeprefix('file://')
     return path if is_url(path) else os.path.realpath(path)
 

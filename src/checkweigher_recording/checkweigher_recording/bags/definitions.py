@@ -21,12 +21,18 @@ _STORE = get_typestore(Stores.EMPTY)
 
 
 class BagError(ValueError):
-    """Raised if a bag cannot be used. The message names the bag and the fault."""
+    """Raised if a bag cannot be used.
+
+    The message states the fault, and the bag, file, message type or topic that has it.
+    """
 
 
 @contextmanager
 def bag_errors(path: Path) -> Iterator[None]:
-    """Convert the exceptions in a block that reads the bag or file `path` to `BagError`."""
+    """Convert the exceptions that are raised while the bag or file `path` is read to `BagError`.
+
+    A `BagError` is not changed.
+    """
     try:
         yield
     except BagError:
@@ -43,9 +49,10 @@ def bag_errors(path: Path) -> Iterator[None]:
 def typestore(ports: Iterable[Port] = RECORDED) -> Typestore:
     """Return a type store that contains the installed message definitions of some ports.
 
-    A definition is read from its package when it is needed for the first time.
+    All calls return the same store. A definition is read from its package when it is needed for the
+    first time.
 
-    Raises `BagError` if the package of a definition is not installed.
+    Raises `BagError` if the package of a definition is not installed, or its file cannot be read.
     """
     for port in ports:
         _register(port.message_type)
@@ -111,7 +118,10 @@ def deserialize(port: Port, data: bytes, store: Typestore | None = None) -> Any:
 
 
 def check_definition(path: Path, connection: Connection, port: Port) -> None:
-    """Raise `BagError` unless a connection has the message type and the definition of `port`."""
+    """Raise `BagError` unless a connection has the message type and the definition of `port`.
+
+    A definition or hash that is missing in the bag is not compared.
+    """
     if connection.msgtype != port.message_type:
         raise BagError(
             f'{path}: topic {connection.topic} holds {connection.msgtype}, but must hold '

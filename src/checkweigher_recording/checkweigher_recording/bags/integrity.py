@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Integrity checks of the files of a bag: MCAP by its check sums, SQLite by its own check."""
+"""Integrity checks of the MCAP files and SQLite files of a bag."""
 
 from contextlib import closing
 import os
@@ -24,13 +24,15 @@ _PIECE = 1 << 20  # number of bytes that are read at a time
 
 
 def check_file(path: Path, name: Path | None = None) -> None:
-    """Check that a file of a bag is complete and unchanged.
+    """Check that a file of a bag is complete and not damaged.
 
-    The chunks of an MCAP file are not checked, because rosbags checks each chunk when it is read.
-    If `path` is a copy, `name` is the path of the original, which is used in messages.
+    A file with the suffix ``.db3`` is checked by the integrity check of SQLite, which does not
+    detect that the content of a message was changed. Any other file is checked as an MCAP file, by
+    the check sums of its data section and its summary, if it contains them. The check sums of the
+    chunks are not compared here, because rosbags compares them when it reads the chunks. If `path`
+    is a copy, `name` is the path of the original, which is used in error messages.
 
-    Raises `BagError` if the file cannot be read, is incomplete, or was changed after it was
-    written.
+    Raises `BagError` if the file cannot be read, is incomplete, or is found to be damaged.
     """
     name = name or path
     with bag_errors(name):
@@ -46,9 +48,11 @@ def check_file(path: Path, name: Path | None = None) -> None:
 
 
 def _check_mcap(file: BinaryIO, name: Path) -> None:
-    """Check the first and last bytes and the check sums of a file.
+    """Check the first and last bytes, the record Data End, and the check sums of an MCAP file.
 
     A check sum of 0 is not compared, because in MCAP it means that no check sum was computed.
+
+    Raises `BagError` if one of the checks fails.
     """
     size = file.seek(0, os.SEEK_END)
     if size == 0:

@@ -16,7 +16,8 @@ from checkweigher_core.ros.ports import LOAD_CELL_INFO, LOAD_CELL_SAMPLES, Port
 from checkweigher_recording.bags.definitions import BagError, deserialize
 from checkweigher_recording.bags.sample_decoding import decode_samples
 
-# Maximum number and maximum total size in bytes of the messages that are decoded at a time.
+# Samples are decoded each time that this many messages, or messages of this total size in bytes,
+# have been added.
 _AT_ONCE, _BYTES_AT_ONCE = 4096, 1 << 22
 # Maximum time in ns by which the stamp of a message may be before that of an earlier message.
 _LATE = 60 * NANOSECONDS
@@ -47,7 +48,7 @@ class LaneMessages:
         """Add a message.
 
         Raises an exception if the message is not valid. Messages with samples are decoded many at a
-        time, so for such a message, a later call may raise the exception.
+        time, so for such a message, a later call of `take` or `rest` may raise the exception.
         """
         self.numbers[topic] += 1
         self._since += 1
@@ -86,8 +87,10 @@ class LaneMessages:
     def stretch(self) -> Recording | None:
         """Return the next stretch, which ends one minute before the latest stamp.
 
-        Returns None if no further stretch is complete yet. Raises `OutOfOrderError` if a message
-        belongs to a stretch that was already returned.
+        Returns None if messages were added after the latest decoding, if the stretch would contain
+        no samples, or if its end would not be later than that of the previous stretch. Raises
+        `OutOfOrderError` if a message belongs to a stretch that was already returned, and
+        `BagError` if no load-cell message has been added.
         """
         if self._since:  # some messages are not decoded yet
             return None
@@ -130,7 +133,10 @@ class LaneMessages:
         return Recording(self._cell, blocks, edges, references)
 
     def _sorted(self) -> BlockColumns:
-        """Sort events and blocks, and return the blocks. The exceptions are as in `stretch`."""
+        """Sort the events and the blocks, and return the blocks.
+
+        Raises `OutOfOrderError` if one of them belongs to a stretch that was already returned.
+        """
         blocks = BlockColumns.concatenate(self._blocks).in_canonical_order()
         self._blocks = [blocks]
         self._events.sort(key=canonical_order)

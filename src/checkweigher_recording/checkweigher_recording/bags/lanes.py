@@ -14,7 +14,10 @@ Lane = list[tuple[Connection, Port]]
 
 
 def lane_prefix(namespace: str) -> str:
-    """Return the prefix of topic names in a namespace, whose outer slashes may be left out."""
+    """Return the prefix of the topic names in a namespace, such as ``/left`` for ``left/``.
+
+    The prefix of the empty namespace is empty.
+    """
     return ''.join(f'/{part}' for part in namespace.split('/') if part)
 
 
@@ -30,7 +33,10 @@ def find_port(name: str, ports: Iterable[Port]) -> tuple[str, Port] | None:
 
 
 def lanes_of(connections: Iterable[Connection], ports: Collection[Port]) -> dict[str, Lane]:
-    """Return the connections of the given ports by lane prefix, as pairs (connection, port)."""
+    """Return the pairs (connection, port) of each lane that has topics of `ports`, by lane prefix.
+
+    Connections with other topics are left out. The lane prefix of an absolute topic name is empty.
+    """
     lanes: dict[str, Lane] = {}
     for connection in connections:
         if found := find_port(connection.topic, ports):
@@ -41,6 +47,8 @@ def lanes_of(connections: Iterable[Connection], ports: Collection[Port]) -> dict
 
 def choose_lane(path: Path, connections: Sequence[Connection], namespace: str | None) -> Lane:
     """Return the connections of the recorded signals of one lane, each with its port.
+
+    `namespace` is the namespace of the lane. It may be None if the bag has only one lane.
 
     Raises `BagError` if the bag has no such lane, or if `namespace` is None and the bag has several
     lanes.

@@ -47,13 +47,15 @@ def read_bag(path: Path, namespace: str | None = None, *, progress: bool = False
     ------
     BagError
         If the bag is missing or damaged, contains no lane of a checkweigher, contains several
-        lanes while `namespace` is None, or was recorded with other message definitions.
+        lanes while `namespace` is None, or was recorded with other message definitions. Also if the
+        lane has no samples, no load-cell message, or load-cell messages that differ.
 
     Notes
     -----
     Check sums are verified if the file contains them. For each topic, the number of messages in
-    ``metadata.yaml`` must equal the number that the files state. For each topic of the lane, that
-    number of messages must be read.
+    ``metadata.yaml`` must equal the number that the files state. For each topic of the lane, the
+    number of messages that were read must equal these two. An incomplete recording states no
+    numbers, so they are not compared.
     """
     (recording,) = read_stretches(path, namespace, progress=progress, whole=True)
     return recording
@@ -66,9 +68,10 @@ def read_stretches(
 
     If `whole` is True, the bag is a single part. Together, the parts contain the events that
     `read_bag` returns, in the same order. The first part contains samples, and the last part
-    contains the `warning`. Lost messages are detected only after all parts but the last have been
-    returned, and may be missing in any part. The other parameters and exceptions are as in
-    `read_bag`.
+    contains the `warning`. The number of messages is checked only after all parts but the last have
+    been yielded. If messages were lost, the last part is not yielded; `BagError` is raised instead,
+    and messages may be missing in any of the earlier parts. The other parameters and exceptions are
+    as in `read_bag`.
 
     Raises `OutOfOrderError` if a message belongs to a part that was already returned. This happens
     only if its time stamp is more than one minute before that of an earlier message. `read_bag` can
@@ -113,7 +116,7 @@ def over_stretches(
 
 
 def _load_cell(bag: Reader | UnfinishedBag, lane: Lane) -> bytes | None:
-    """Return the first load-cell message of the whole lane, or None."""
+    """Return the first message that describes the load cell of a lane, or None if there is none."""
     cells = [connection for connection, port in lane if port is LOAD_CELL_INFO]
     # Do not call `messages` with an empty list, for which rosbags would return all messages.
     return next((data for _, _, data in bag.messages(cells)), None) if cells else None
@@ -123,7 +126,8 @@ def _load_cell(bag: Reader | UnfinishedBag, lane: Lane) -> bytes | None:
 def open_bag(path: Path) -> Iterator[Reader | UnfinishedBag]:
     """Check the files of a bag, and open the bag or the readable part of an incomplete recording.
 
-    Exceptions of the libraries are converted to `BagError` until the end of the block.
+    Yields the open bag, and closes it when the context ends. Exceptions that are raised within the
+    context are converted to `BagError`.
     """
     with bag_errors(path):
         if parts := unfinished_parts(path):
@@ -167,7 +171,7 @@ def _parts(reader: Reader) -> list[Any]:
 
 
 def _warning(path: Path, bag: Reader | UnfinishedBag) -> str:
-    """Return a one-line warning for the user, or an empty string."""
+    """Return a warning that the bag is incomplete or in SQLite, or an empty string otherwise."""
     if isinstance(bag, UnfinishedBag):
         return (
             f'{path}: the recording broke off, or is still going on; read up to '
@@ -186,8 +190,10 @@ def _check_numbers(
 ) -> None:
     """Check that no messages were lost.
 
-    The number of messages of each topic must be the same in ``metadata.yaml``, in the files, and in
-    `read`, which counts the messages that were read.
+    The number of messages of each topic must be the same in ``metadata.yaml`` and in the files. For
+    `topics`, it must be the same in `read`, too, which counts the messages that were read.
+
+    Raises `BagError` if two of the numbers differ.
     """
     stated = _numbers(reader.connections)
     stored = _numbers(one for part in _parts(reader) for one in part.connections)

@@ -17,11 +17,12 @@ def recover_bag(source: Path, path: Path) -> int:
     """Copy the readable messages of an incomplete recording to a new bag; return their number.
 
     `source` is an ``.mcap`` file whose end is missing, or the folder of a recording whose process
-    was killed. If a chunk has a wrong check sum, only the messages before it are copied.
+    was killed. Only messages of the topics `RECORDED` are copied, and only those before the first
+    fault, such as a chunk with a wrong check sum.
 
-    Raises `BagError` if the recording has no messages of a checkweigher, has messages of several
-    lanes, or has messages whose definitions differ from the installed ones. Raises `OutputError` if
-    the new bag cannot be written.
+    Raises `BagError` if `source` does not exist or cannot be read, has no messages of a
+    checkweigher, has messages of several lanes, or has messages whose definitions differ from the
+    installed ones. Raises `OutputError` if `path` exists already or cannot be written.
     """
     parts = unfinished_parts(source) or [source]
     if not parts[0].is_file():
@@ -42,9 +43,11 @@ def recover_bag(source: Path, path: Path) -> int:
 
 
 def _only_lane(source: Path, found: Mapping[str, Lane]) -> str:
-    """Return the prefix of the only lane, or raise `BagError` unless there is exactly one lane.
+    """Return the prefix of the only lane.
 
     Topics with absolute names are ignored, because they belong to all lanes.
+
+    Raises `BagError` if there is no lane, or more than one.
     """
     lanes = [
         lane

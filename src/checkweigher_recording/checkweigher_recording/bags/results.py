@@ -16,8 +16,10 @@ from checkweigher_recording.bags.reading import open_bag
 def read_records(path: Path, *wanted: Port) -> dict[str, list[Any]]:
     """Return the records of the `wanted` topics of an MCAP bag, by topic name and in log order.
 
-    Raises `BagError` if the bag is damaged or is not an MCAP bag, or if a topic occurs in
-    several lanes.
+    The list of a topic without messages is empty.
+
+    Raises `BagError` if the bag is damaged or is not a complete MCAP bag, if a topic occurs in
+    several lanes, or if the message definitions differ in more than fields that were added later.
     """
     found: dict[str, list[Any]] = {port.name: [] for port in wanted}
     files_of_bag(path)
@@ -49,7 +51,10 @@ def files_of_bag(path: Path) -> list[Path]:
 
 
 def mcap_digest(path: Path) -> str:
-    """Return the SHA-256 digest of the MCAP files of a bag."""
+    """Return the SHA-256 digest of the contents of a bag's MCAP files, in hexadecimal digits.
+
+    The files are taken in the order of their names. Raises `BagError` as `files_of_bag` does.
+    """
     digest = hashlib.sha256()
     for file in files_of_bag(path):
         with file.open('rb') as content:

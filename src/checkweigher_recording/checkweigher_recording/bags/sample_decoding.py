@@ -38,8 +38,11 @@ def decode_samples(messages: Sequence[bytes]) -> BlockColumns:
 def _decode_alike(messages: Sequence[bytes]) -> tuple[NDArray[np.bool_], BlockColumns]:
     """Decode all messages that have the layout of the first message.
 
-    `messages` are n > 0 messages of the same size. Returns a mask of the decoded messages, (n,)
-    bool, and their blocks.
+    `messages` are n > 0 messages of the same size. Messages have the same layout if their
+    ``frame_id`` and their number of samples are equal. If the first message has additional bytes,
+    no message is decoded. Returns a mask of the decoded messages, (n,) bool, and their blocks.
+
+    Raises an exception if the first message cannot be decoded.
     """
     message_type = LOAD_CELL_SAMPLES.message_type
     first: Any = typestore([LOAD_CELL_SAMPLES]).deserialize_cdr(messages[0], message_type)

@@ -26,7 +26,7 @@ from checkweigher_recording.bags.definitions import BagError
 from checkweigher_recording.bags.integrity import MAGIC
 
 _PART_NUMBER = re.compile(r'_(\d+)$')
-_HEAD_SIZE = 9  # size in bytes of the opcode and the length of a record
+_HEAD_SIZE = 9  # size in bytes of the head of a record, which consists of opcode and length
 _PIECE = 1 << 20  # number of bytes that are read at a time
 _FORMATS = {
     'ros2msg': MessageDefinitionFormat.MSG,
@@ -43,7 +43,7 @@ _DATA_SECTION = {
 class UnfinishedBag:
     """Readable messages of an incomplete recording.
 
-    `parts` are the files in the order in which they were written. The end of the last file is
+    `parts` are the files in the order in which they were written. The end of the last file may be
     missing, because a killed process leaves a file that is cut off at an arbitrary byte.
     `connections` contains the connections of all files, with their message counts. If the files
     have a fault other than the missing end, `damage` describes the fault; otherwise `damage` is
@@ -75,7 +75,10 @@ class UnfinishedBag:
 
     @property
     def duration(self) -> float:
-        """Difference between the earliest and the latest log time in s."""
+        """Difference between the earliest and the latest log time in s.
+
+        Raises `ValueError` if there are no readable messages.
+        """
         times = [time for part in self._parts for time in part.times]
         return (max(times) - min(times)) / NANOSECONDS
 
@@ -91,10 +94,10 @@ class UnfinishedBag:
 
 
 def unfinished_parts(path: Path) -> list[Path]:
-    """Return the files of an incomplete recording in the order in which they were written.
+    """Return the MCAP files of an incomplete recording in the order in which they were written.
 
     The folder of an incomplete recording has no ``metadata.yaml``, because recorders write that
-    file at the end. The list is empty if `path` is not such a folder.
+    file at the end. The list is empty if `path` is not such a folder, or has no MCAP files.
     """
     if not path.is_dir() or (path / 'metadata.yaml').exists():
         return []
@@ -139,7 +142,10 @@ class _Part:
                         yield record
 
     def _scan(self, file: BinaryIO) -> None:
-        """Read the records of the data section up to the first incomplete record."""
+        """Read the records of the data section, and set `ended` and `damage`.
+
+        The end of the data section, the first incomplete record and the first fault end the scan.
+        """
         size, bad_chunk = os.fstat(file.fileno()).st_size, 0
         while not self.ended and len(head := file.read(_HEAD_SIZE)) == _HEAD_SIZE:
             opcode, length = head[0], int.from_bytes(head[1:], 'little')

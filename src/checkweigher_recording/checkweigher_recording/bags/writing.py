@@ -23,7 +23,8 @@ from checkweigher_core.whole_file import OutputError, check_new, output_error, w
 from checkweigher_recording.bags.definitions import serialize, typestore
 from checkweigher_recording.bags.lanes import lane_prefix
 
-# The name does not depend on the folder, because equal recordings must have equal bytes.
+# Name of the file in the folder of a bag. It does not depend on the name of the folder, because
+# equal recordings must have equal bytes.
 _FILE = 'line_0.mcap'
 _VERSION = 9  # version of the bag format
 _FOREVER = interfaces.QosTime(9223372036, 854775807)
@@ -36,7 +37,7 @@ def write_bag(
     """Write the events of one lane to a new bag. If an error occurs, no bag is left behind.
 
     The log time of a message is the stamp of its event. The first message describes the load cell,
-    and has the stamp of the first event. Equal events give equal bytes.
+    and has the stamp of the first event. Equal arguments except `path` give equal bytes.
 
     Parameters
     ----------
@@ -52,7 +53,7 @@ def write_bag(
     Raises
     ------
     OutputError
-        If `path` exists already, or cannot be written.
+        If `path` exists already or cannot be written, or if there are no events.
     BagError
         If the message definitions are not installed.
     """
@@ -66,12 +67,15 @@ def write_bag(
 class BagWriter(AbstractContextManager['BagWriter', None]):
     """Context manager that writes serialized messages to a new bag.
 
-    `ports` are the topics of the bag. The folder of the bag appears at the end of the block, unless
-    an exception ends the block. If `in_place` is True, the folder appears with the first message
-    instead, and ``metadata.yaml`` is added at the end of the block. If the process is killed, the
-    messages that were written before the latest call of `flush` are then kept. Equal messages with
-    equal calls of `flush` give equal bytes. `path`, `namespace` and the exceptions are as in
-    `write_bag`.
+    `ports` are the topics of the bag. By default, the folder of the bag appears when the context
+    ends; if an exception ends the context, no folder appears. If `in_place` is True, the folder
+    appears with the first message, and ``metadata.yaml`` is added when the context ends. If an
+    exception ends the context, the messages are kept without ``metadata.yaml``; if the process is
+    killed, the messages before the latest call of `flush` are kept. Equal messages with equal calls
+    of `flush` give equal bytes. `path` and `namespace` are as in `write_bag`.
+
+    Raises `OutputError` if `path` exists already or cannot be written, or if the context ends
+    without an exception before a message was added.
 
     Notes
     -----
@@ -94,7 +98,11 @@ class BagWriter(AbstractContextManager['BagWriter', None]):
         self._begin = self._end = 0
 
     def __exit__(self, kind: object, error: BaseException | None, traceback: object) -> None:
-        """Complete the bag. After an exception, remove the bag unless `in_place` is True."""
+        """Complete the bag, or discard it after an exception.
+
+        If `in_place` is True, an incomplete bag with the messages is left after an exception.
+        Raises `OutputError` if there are no messages, or the bag cannot be written.
+        """
         try:
             if error is None:
                 with self._writing():
@@ -118,6 +126,7 @@ class BagWriter(AbstractContextManager['BagWriter', None]):
         """Append a CDR message to the topic `port`, with the log time `stamp` in ns.
 
         Raises `OutputError` if the message cannot be written, for example because the disk is full.
+        The first call raises `BagError` if the definition of a message type is not installed.
         """
         mcap = self._mcap or self._open()
         with self._writing():
@@ -136,7 +145,10 @@ class BagWriter(AbstractContextManager['BagWriter', None]):
         self.put(port, stamp, serialize(port, record, stamp))
 
     def flush(self) -> None:
-        """Write all buffered messages to the file, where they survive the end of this process."""
+        """Write all buffered messages to the file, where they remain if the process is killed.
+
+        Raises `OutputError` if they cannot be written.
+        """
         if self._mcap is not None:
             with self._writing():
                 self._mcap.flush()
@@ -152,7 +164,7 @@ class BagWriter(AbstractContextManager['BagWriter', None]):
             # Enable the check sum of the data section, which the writer omits by default.
             mcap = Writer(self._file, compression=CompressionType.ZSTD, enable_data_crcs=True)
             # Set a fixed name of the library. The default contains the version of the library, so
-            # equal recordings would have other bytes after an update.
+            # equal recordings would have different bytes after an update.
             mcap.start(profile='ros2', library='checkweigher')
             self._file.flush()
         except OSError as error:
@@ -233,7 +245,7 @@ class BagWriter(AbstractContextManager['BagWriter', None]):
 
 
 def _remove_partial(path: Path) -> None:
-    """Remove the incomplete folders that killed processes have left for the same bag."""
+    """Remove incomplete folders of the bag `path` whose processes have ended."""
     for folder in path.parent.glob(f'.{glob.escape(path.name)}.*.partial'):
         number = folder.suffixes[-2].lstrip('.')
         if number.isdecimal() and not Path(f'/proc/{number}').exists():

@@ -21,7 +21,7 @@ class EdgesFile:
     # For each edge: the eye, the row of the log, and whether the eye is blocked from that row on.
     switches: tuple[tuple[Eye, float, bool], ...]
     masses: tuple[float, ...]  # true masses of the items in kg, in order of entry, or empty
-    sample_rate: float | None  # sample rate in Hz
+    sample_rate: float | None  # sample rate in Hz, or None if the file does not contain it
 
 
 def read_edges_file(path: Path, keys: dict[Eye, str], rows: int) -> EdgesFile:
@@ -29,10 +29,11 @@ def read_edges_file(path: Path, keys: dict[Eye, str], rows: int) -> EdgesFile:
 
     The file is a JSON object. `keys` maps each eye to its key. The value of that key is a list of
     pairs ``[row, level]``. The eye is blocked from that row on if the level is 1, and clear if it
-    is 0. The first pair is the state at the start of the log, and the others are edges. The
-    optional key ``sample_rate_hz`` contains the sample rate in Hz. The optional key ``mass_g``
-    contains the true mass in g, either as one number for all items or as a list with one number for
-    each item.
+    is 0. The first pair is the state at the start of the log, and the others are edges. The rows
+    increase, and may be fractional; the levels alternate. The optional key ``sample_rate_hz``
+    contains the sample rate in Hz. The optional key ``mass_g`` contains the true mass in g, either
+    as one number for all items or as a list with one number for each item. There is one item for
+    each edge to level 1 of the infeed eye.
 
     Raises `CsvError` if the file cannot be read or has a different form.
     """

@@ -37,8 +37,8 @@ class ImportParameters(Parameters):
     calibration is either the sensitivity `counts_per_kg`, or a line with mass = slope * signal +
     offset in g.
 
-    Raises `ParameterError` if a value is out of range, or if neither or both of the calibrations
-    are given.
+    Raises `ParameterError` if a value is out of range, if neither or both of the calibrations are
+    given, if only one eye has a column, or if the decimal mark is also the separator.
     """
 
     node: ClassVar[str] = 'import'
@@ -108,7 +108,10 @@ class ImportParameters(Parameters):
             raise ParameterError('import.decimal: is the delimiter; choose another one')
 
     def load_cell(self, sample_rate: float) -> LoadCell:
-        """Return the load cell with these parameters and a sample rate in Hz."""
+        """Return the load cell with these parameters and a sample rate in Hz.
+
+        Raises `ParameterError` if a load cell cannot have these values.
+        """
         calibration = {}
         if self.slope:
             calibration['counts_per_kg'] = self.scale * GRAMS / self.slope
@@ -166,7 +169,13 @@ class _Clock:
 
 
 def _clock(table: Columns, parameters: ImportParameters, content: EdgesFile | None) -> _Clock:
-    """Return the sampling times of the rows on an evenly spaced grid, which may lack rows."""
+    """Return the sampling times of the rows. The sampling times are multiples of a sample interval.
+
+    If the time column shows that rows are missing, the sample index increases by more than 1.
+
+    Raises `CsvError` if the time column is not valid, and `ParameterError` if the sample rate is
+    unknown.
+    """
     rate, rows = _given_rate(parameters, content), len(table.columns['signal'])
     begin = parameters.start_time * NANOSECONDS
     time = table.columns.get('time')
@@ -193,7 +202,10 @@ def _clock(table: Columns, parameters: ImportParameters, content: EdgesFile | No
 
 
 def _given_rate(parameters: ImportParameters, content: EdgesFile | None) -> float:
-    """Return the sample rate of the parameters or the edges file in Hz, or 0 if none is given."""
+    """Return the sample rate of the parameters or the edges file in Hz, or 0 if none is given.
+
+    Raises `ParameterError` if both are given and differ.
+    """
     given, of_file = parameters.sample_rate, content.sample_rate if content else None
     if given and of_file and not math.isclose(given, of_file, rel_tol=1e-6):
         raise ParameterError(

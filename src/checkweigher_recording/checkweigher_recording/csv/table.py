@@ -23,11 +23,11 @@ class Columns:
     """Columns of a CSV file."""
 
     path: Path
-    columns: dict[str, NDArray[np.float64]]  # finite values of each column, (n,), by its use
+    columns: dict[str, NDArray[np.float64]]  # finite values, (n,), by the use of the column
     _line_numbers: 'array[int]'  # number of the line of each row, from 0
 
     def place(self, row: int) -> str:
-        """Return the path and the line number of a row for an error message."""
+        """Return ``path:line`` of a row for an error message. Lines are counted from 1."""
         return f'{self.path}:{self._line_numbers[row] + 1}'
 
 
@@ -36,12 +36,13 @@ def read_table(
 ) -> Columns:
     """Read columns of a CSV file. The first row is a header unless all its cells are numbers.
 
+    Blank lines are skipped.
     `columns` maps each use of a column, such as ``signal``, to the name or the number (from 0) of
     the column. An empty name stands for the only column of the file. If `delimiter` is None,
     columns are separated by white space. `decimal` is the decimal mark.
 
-    Raises `CsvError` if the file cannot be read, a column is missing, or a value is not a finite
-    number.
+    Raises `CsvError` if the file cannot be read or has no values, a column is missing or ambiguous,
+    or a value is not a finite number.
     """
     lines = read_text(path, 'utf-8-sig').splitlines()
     numbers = array('q', (number for number, line in enumerate(lines) if line.strip()))
@@ -61,7 +62,10 @@ def read_table(
 
 
 def read_text(path: Path, encoding: str) -> str:
-    """Return the content of a text file. Raises `CsvError` if the file cannot be read."""
+    """Return the content of a text file.
+
+    Raises `CsvError` if the file cannot be read, or is not in the given encoding.
+    """
     try:
         return read_input(path).decode(encoding)
     except OSError as error:
@@ -110,7 +114,10 @@ def _parse(
     delimiter: str | None,
     decimal: str,
 ) -> NDArray[np.float64]:
-    """Return the values of the lines `numbers` in the columns `places`, (n, m)."""
+    """Return the values of the lines `numbers` in the columns `places`, (n, m).
+
+    Raises `CsvError` if there are no lines, a line has too few columns, or a cell is not a number.
+    """
     if not numbers:
         raise CsvError(f'{path}: no rows below the header')
 

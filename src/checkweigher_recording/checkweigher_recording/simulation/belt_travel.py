@@ -65,7 +65,8 @@ class BeltTravel:
         """
         # Planned passes that have not ended, in order of entry.
         self.passes: list[Pass] = []
-        # t4 of the last product in s, or None until the pass of this product is planned.
+        # t4 of the last product in s. It is None until the pass of this product is planned, and on
+        # an endless line.
         self.last_exit: float | None = None
         # The caller may set the attributes below. A new value takes effect in the next call of
         # `plan`.
@@ -119,7 +120,11 @@ class BeltTravel:
         return added
 
     def travel(self, time: Array) -> Array:
-        """Return the travel since the first entry, (n,) in m, at planned times, (n,) in s."""
+        """Return the travel since the first entry, (n,) in m, at `time`, (n,) in s.
+
+        The travel is negative before the first entry. `time` must lie between the arguments of the
+        latest call of `plan`.
+        """
         return np.interp(time, self._times, self._travels)
 
     def load(self, time: Array, travel: Array) -> Array:

@@ -13,9 +13,11 @@ from checkweigher_recording.simulation.simulator import Simulation
 
 
 def with_feedback(simulation: Simulation, product: Product) -> Iterator[Event]:
-    """Yield the events of a line, and pass each correction of the feedback to the filler.
+    """Yield the events of a simulated line, and pass each correction of the feedback to its filler.
 
-    `product` is the recipe of the line. Raises `ValueError` if the recipe has no feedback.
+    `product` is the recipe of the line.
+
+    Raises `ValueError` at the first event if the recipe has no settings of the feedback.
     """
     if product.filler is None:
         raise ValueError(f'{product.name}: its recipe has no filler')

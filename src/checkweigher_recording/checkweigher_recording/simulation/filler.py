@@ -33,7 +33,10 @@ class Filler:
         self._on_the_way: deque[float] = deque()
 
     def next_mass(self) -> float:
-        """Return the mass of the next product on the scale in kg, at least 0."""
+        """Return the mass of the next product on the scale in kg, at least 0.
+
+        Products are filled first, so that `delay` filled products remain before the scale.
+        """
         while len(self._on_the_way) <= self._delay:
             mass = next(self._set_points) + self._drift * self._filled + self.correction
             self._filled += 1

@@ -28,15 +28,15 @@ class _Draw:
         self._random = generator(seed)
 
     def even(self, low: float, high: float) -> float:
-        """Return a random number with a uniform distribution."""
+        """Return a random number from `low` to `high` with a uniform distribution."""
         return float(self._random.uniform(low, high))
 
     def ratio(self, low: float, high: float) -> float:
-        """Return a random number with a log-uniform distribution."""
+        """Return a random number from `low` to `high` with a log-uniform distribution."""
         return float(low * (high / low) ** self._random.uniform())
 
     def sign(self, low: float, high: float) -> float:
-        """Return a random number with a log-uniform magnitude and a random sign."""
+        """Return a random number of random sign, with a magnitude as that of `ratio`."""
         return self.ratio(low, high) * self.one_of(-1, 1)
 
     def one_of(self, *values: Any) -> Any:
@@ -44,7 +44,7 @@ class _Draw:
         return values[int(self._random.integers(len(values)))]
 
     def all_of(self, kind: Callable[..., _Cause]) -> _Cause:
-        """Return an object of a class whose fields were declared by `_range`."""
+        """Return an object of the class `kind` with random fields, all declared by `_range`."""
         of_class = fields(kind)  # type: ignore[arg-type]
         return kind(*(each.metadata['draw'](self) for each in of_class))
 
@@ -72,7 +72,10 @@ class Rocking:
 
 @dataclass(frozen=True, slots=True)
 class Corner:
-    """Relative error ``linear * p + square * p**2`` of a load at p, from -1 (infeed) to 1."""
+    """Relative error ``linear * p + square * p**2`` for a load at p.
+
+    The position p is -1 at the infeed and 1 at the outfeed.
+    """
 
     linear: float = _sign(2e-4, 2e-3)
     square: float = _sign(2e-4, 2e-3)
@@ -153,14 +156,14 @@ class Drift:
     """Drift of the zero."""
 
     rate: float = _sign(3e-6, 5e-5)  # drift rate in kg/s
-    wander: float = _ratio(2e-5, 2e-4)  # standard deviation of the zero from a constant drift in kg
+    wander: float = _ratio(2e-5, 2e-4)  # standard deviation in kg about a constant drift
 
 
 @dataclass(frozen=True, slots=True)
 class Creep:
     """Creep of the load cell, which is a slow change of the reading under a constant load."""
 
-    share: float = _sign(1e-4, 1e-3)  # final change per load
+    share: float = _sign(1e-4, 1e-3)  # final change of the reading, relative to the load
     time: float = _ratio(3.0, 60.0)  # time constant in s
 
 
@@ -168,8 +171,8 @@ class Creep:
 class EyeErrors:
     """Position errors of the photo-eyes, and time errors of their edges."""
 
-    infeed: float = _even(-0.003, 0.003)  # position error in m
-    outfeed: float = _even(-0.003, 0.003)  # position error in m
+    infeed: float = _even(-0.003, 0.003)  # position error in m, positive in belt direction
+    outfeed: float = _even(-0.003, 0.003)  # position error in m, positive in belt direction
     jitter: float = _ratio(2e-5, 3e-4)  # standard deviation in s of the time of an edge
 
 

@@ -128,7 +128,10 @@ class MachineSignal:
         self._crept = np.zeros(1)
 
     def seen(self, entry: Pass) -> Pass:
-        """Return a pass with the times that the photo-eyes report."""
+        """Return the pass with the times that the photo-eyes report instead of the true times.
+
+        The times are not changed if the eyes have no errors.
+        """
         eyes = self._machine.eyes
         if eyes is None:
             return entry
@@ -138,9 +141,10 @@ class MachineSignal:
         return replace(entry, t1=t1, t2=t2, t3=t3, t4=t4)
 
     def reading(self, time: Array, travel: Array) -> Array:
-        """Return the readings of the next n steps, (n,) in kg.
+        """Return the readings at the start of each of the next n steps, (n,) in kg.
 
-        `time` is the time of each step, (n,) in s, and `travel` the belt travel, (n,) in m.
+        `time` is the time of the middle of each step, (n,) in s, and `travel` is the belt travel at
+        that time, (n,) in m.
         """
         from scipy.signal import lfilter, sosfilt  # imported late, because the import is slow
 
@@ -173,7 +177,8 @@ class MachineSignal:
     def _products(self, time: Array, travel: Array) -> tuple[Array, Array]:
         """Return force and moment of the products, (n,) each.
 
-        The moment is divided by half the belt length, so both are in kg.
+        The moment is divided by half the distance between the photo-eyes, so both are in kg. The
+        force includes the mass that rests on the belt, which has no moment.
         """
         force, moment = np.full(len(time), self._belt.resting), np.zeros(len(time))
         machine = self._machine
@@ -224,7 +229,8 @@ class MachineSignal:
 def _low_pass(machine: Machine, step: float) -> tuple[Array, Array]:
     """Return the second-order sections of the amplifier's low-pass filter, and their states.
 
-    Without an amplifier there are no sections.
+    If the machine has no amplifier, there are no sections: the arrays have the shapes (0, 6) and
+    (0, 2).
     """
     from scipy.signal import butter
 

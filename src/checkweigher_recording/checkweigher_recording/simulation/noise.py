@@ -20,7 +20,8 @@ _WAVES = 12  # number of sines
 def white(density: float, step: float, steps: int, random: np.random.Generator) -> Array:
     """Return white noise, (steps,), at intervals of `step` s.
 
-    `density` is the square root of the one-sided power spectral density.
+    `density` is the square root of the one-sided power spectral density, in the unit of the noise
+    per sqrt(Hz).
     """
     # The variance is the power density times the bandwidth, which is half the sampling rate.
     return density * math.sqrt(1 / step / 2) * random.standard_normal(steps)
@@ -56,14 +57,17 @@ class Wander:
     """
 
     def __init__(self, random: np.random.Generator, slowest: float, fastest: float) -> None:
-        """Draw a function with frequencies from `slowest` to `fastest`, in cycles per unit."""
+        """Draw a function with frequencies from `slowest` to `fastest`.
+
+        The frequencies are in cycles per unit of the argument, which is s or m, for example.
+        """
         steps = (np.arange(_WAVES) + random.random(_WAVES)) / _WAVES
         self._rates = 2 * math.pi * slowest * (fastest / slowest) ** steps
         self._phases = 2 * math.pi * random.random(_WAVES)
         self._fastest = fastest
 
     def __call__(self, at: Array) -> Array:
-        """Return the values of the function, (n,), at ascending arguments, (n,)."""
+        """Return the values of the function, (n,), at n > 0 ascending arguments, (n,)."""
         # There are 20 knots per period of the fastest sine, so linear interpolation is sufficient.
         knots = np.arange(math.floor(at[0] * 20 * self._fastest), at[-1] * 20 * self._fastest + 2)
         knots /= 20 * self._fastest

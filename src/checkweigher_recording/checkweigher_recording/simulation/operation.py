@@ -80,11 +80,14 @@ class OperationParameters(Parameters):
 
     @property
     def lead(self) -> float:
-        """Largest distance in m by which an eye is displaced against the belt direction."""
+        """Largest displacement of an eye against the belt direction in m, or 0 if there is none."""
         return max(0.0, -self.infeed_place, -self.outfeed_place)
 
     def switches(self, entry: Pass) -> Iterator[tuple[float, Eye, bool]]:
-        """Yield time in s, eye and new state of each switch of the eyes for a product."""
+        """Yield time in s, eye, and whether the eye becomes blocked, for each switch by a product.
+
+        The switches are not sorted by time. A dead eye has no switches.
+        """
         speed = entry.length / (entry.t2 - entry.t1)
         all_times = {Eye.INFEED: (entry.t1, entry.t2), Eye.OUTFEED: (entry.t3, entry.t4)}
         for eye, times in all_times.items():

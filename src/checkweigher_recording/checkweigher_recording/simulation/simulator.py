@@ -62,7 +62,7 @@ class Profile:
 
     # Natural frequency of the empty platform in Hz.
     natural_frequency: float = 38.0
-    # Relative standard deviation of the belt speed between products.
+    # Relative standard deviation of the belt speed, which changes after each spacing of travel.
     speed_jitter: float = 0.001
     # Standard deviation of the peak force at entry, per product mass and belt speed, in s/m.
     impact: float = 0.03
@@ -90,7 +90,7 @@ PROFILES = {
     'soft': Profile(
         natural_frequency=22.0, roller=(1.5e-3, 1.05e-3, 0.85e-3, 0.65e-3), broadband=0.02e-3
     ),
-    # The belt is smooth, and the floor vibrates.
+    # The belt runs smoothly, and the vibration of the floor dominates.
     'floor': Profile(
         roller=(0.08e-3, 0.06e-3, 0.05e-3, 0.04e-3), motor=0.1e-3, broadband=0.01e-3, floor=0.2e-3
     ),
@@ -100,7 +100,10 @@ PROFILES = {
 
 
 def check_profile(profile: str) -> None:
-    """Raise `ParameterError` if there is no profile of this name."""
+    """Raise `ParameterError` unless `profile` is the name of a profile.
+
+    The names are the keys of `PROFILES`, and those that `machine_of` accepts.
+    """
     try:
         if machine_of(profile) is None and profile not in PROFILES:
             raise ParameterError(
@@ -115,7 +118,8 @@ def check_profile(profile: str) -> None:
 class SimulationParameters(Parameters):
     """Parameters of a simulated line: its machine, belt and products.
 
-    Raises `ParameterError` if a value is out of its range or the products would overlap.
+    Raises `ParameterError` if a value is out of its range, the profile is unknown, there are no
+    masses, the sensitivity is 0, or the products would overlap.
     """
 
     node: ClassVar[str] = 'simulator'
@@ -210,6 +214,8 @@ def own_values(profile: str) -> dict[str, float]:
     The values are the sample rate, the sensitivity and the lengths. The caller must pass the values
     to `SimulationParameters`, which does not derive them from the profile. The dict is empty if the
     profile is not a drawn machine.
+
+    Raises `ValueError` if the seed or a cause of the profile is not valid.
     """
     machine = machine_of(profile)
     return asdict(machine.setup) if machine else {}
@@ -218,9 +224,10 @@ def own_values(profile: str) -> dict[str, float]:
 class Simulation:
     """Iterable over the events of a simulated line in canonical order.
 
-    Each iteration restarts the line, and yields the same events if the attributes do not change. If
-    the parameter ``count`` is 0, the iteration does not end. Events are not kept in memory. The
-    properties of a product do not depend on the number of products that follow it.
+    Each iteration restarts the line. All iterations yield the same events if `operation`, `start`
+    and the correction of the filler do not change. If the parameter ``count`` is 0, the iteration
+    does not end. Events are not kept in memory. The properties of a product do not depend on the
+    number of products that follow it.
     """
 
     def __init__(self, parameters: SimulationParameters) -> None:
@@ -240,8 +247,8 @@ class Simulation:
             model='simulated',
             serial_number=f'{parameters.profile}-{parameters.seed}',
         )
-        # Filler of the latest iteration. A new correction takes effect in the next chunk of the
-        # signal.
+        # Filler of the latest iteration, or None before the first one. A new correction applies to
+        # the products that are filled for the next chunk of the signal and later.
         self.filler: Filler | None = None
 
     def __iter__(self) -> Iterator[Event]:
@@ -328,7 +335,11 @@ class _Machine:
             self._signal = MachineSignal(machine, self._belt, length, 1 / self._rate, drawn)
 
     def operate(self, operation: OperationParameters) -> None:
-        """Apply the settings of the operator to the belt."""
+        """Apply the settings of the operator to the next samples.
+
+        The products that were put by hand since the previous call are added to the belt. In the
+        first call, none are added.
+        """
         belt = self._belt
         belt.speed, belt.feed = operation.speed or self._parameters.speed, operation.feed
         belt.mass, belt.resting, belt.gap = operation.mass, operation.load, operation.gap
@@ -339,8 +350,9 @@ class _Machine:
     def run(self, first: int, end: int) -> tuple[NDArray[np.int32], list[Pass]]:
         """Return the counts of the samples from `first` to before `end`, and the new passes.
 
-        `first` must be the end of the previous call. If the line ends before `end`, there are fewer
-        samples. The passes contain the times that the photo-eyes report.
+        `first` must be 0 in the first call, and `end` of the previous call in the others. If the
+        line ends before `end`, there are fewer samples. The passes contain the times that the
+        photo-eyes report.
         """
         # An eye that is displaced against the belt direction sees a product earlier, so passes that
         # begin after `end` are planned as well.
@@ -398,9 +410,10 @@ class _ProfileSignal:
         return entry
 
     def reading(self, time: Array, travel: Array) -> Array:
-        """Return the readings of the next n steps, (n,) in kg.
+        """Return the readings at the start of each of the next n steps, (n,) in kg.
 
-        `time` is the time of each step, (n,) in s, and `travel` the belt travel, (n,) in m.
+        `time` is the time of the middle of each step, (n,) in s, and `travel` is the belt travel at
+        that time, (n,) in m.
         """
         force = self._belt.load(time, travel)
         self._add_lines(force, travel)
