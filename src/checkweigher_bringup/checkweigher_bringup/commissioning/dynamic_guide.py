@@ -23,7 +23,11 @@ _TOLERANCE = 0.05  # maximum relative difference between the requested and the a
 
 
 def set_dynamically(arguments: argparse.Namespace) -> None:
-    """Record passes at each speed, train, and replace the parameter file if the user confirms."""
+    """Record passes at each speed, train, and replace the parameter file if the user confirms.
+
+    Raises `UserError` if the options cannot be used together, passes are missing, or the standard
+    input ends.
+    """
     _check(arguments)
     output: Path = arguments.output
     folder = arguments.bags or output.with_name(f'{output.stem}_passes')
@@ -61,7 +65,10 @@ def _check(arguments: argparse.Namespace) -> None:
 def _record_at(
     speed: float, folder: Path, base: LineParameters, arguments: argparse.Namespace
 ) -> Path:
-    """Record passes, and repeat this until the belt ran at `speed` in m/min; return the bag."""
+    """Record passes into a new bag until their belt speed is `speed` in m/min; return the last bag.
+
+    The speed may differ by `_TOLERANCE`. Raises `UserError` if a recording has too few passes.
+    """
     while True:
         ask(f'Set the belt to {speed:g} m/min and run the line')
         names = (folder / f'{speed:g}_{number}' for number in count(1))

@@ -160,7 +160,11 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         result.message = await _success(self._ended)
 
     def _begin_recording(self, known: Any, tell: _Tell) -> Path:
-        """Begin to record passes, and return the path of their bag."""
+        """Begin to record passes, and return the path of their bag.
+
+        Raises `UserError` if a recording or training is in progress, or if the mass or the number
+        of passes is not above 0.
+        """
         self._check_idle()
         mass, passes = known.mass, known.passes
         if not (math.isfinite(mass) and mass > 0 and passes > 0):
@@ -198,13 +202,19 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         return f'training has begun; {ports.DYNAMIC_SETTING.name} reports its end'
 
     def _end(self) -> None:
-        """End the recording or the training. Recorded passes are kept."""
+        """Ask the child process, if there is one, to end. Recorded passes are kept.
+
+        The method does not wait for the end, which `_poll` detects.
+        """
         if self._child is not None:
             self._cancelled = True
             self._interrupt(self._child)
 
     def _cancel(self, request: Any, response: Any) -> str:
-        """Discard the learned parameters, or end a recording or training in progress."""
+        """End a recording or training in progress or, if there is none, discard learned parameters.
+
+        Returns a message for the user, also if there is nothing to cancel.
+        """
         if self._child is not None:
             self._end()
             return 'recording or training ends; passes that were weighed are kept'
@@ -216,7 +226,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         return text
 
     def _candidate(self) -> bytes:
-        """Return the file of learned parameters, or raise `UserError` if it does not exist."""
+        """Return the content of the new parameter file, or raise `UserError` if there is none."""
         try:
             return self._learned.read_bytes()
         except FileNotFoundError:
@@ -226,7 +236,13 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         return '\n'.join(accuracy_lines(self._candidate().decode('utf-8', errors='replace')))
 
     async def _accept(self, request: Any, response: Any) -> str:
-        """Write an entry to the audit log, and then replace the parameter file by the new file."""
+        """Write an entry to the audit log, and then replace the parameter file by the new file.
+
+        If the file cannot be replaced, a second entry states this.
+
+        Raises `UserError` if there is no new parameter file, a child process runs, the first entry
+        cannot be written, or the file cannot be replaced.
+        """
         self._check_idle()
         learned = self._candidate()
         name = self.get_fully_qualified_name()
@@ -338,7 +354,10 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         self._ended.set_result((not status or self._cancelled, text))
 
     def destroy_node(self) -> None:
-        """End the child process, and destroy the node."""
+        """End the child process, and destroy the node.
+
+        A child process that does not end within `_END_PATIENCE` s is killed.
+        """
         if self._child is not None:
             self._interrupt(self._child)
             try:

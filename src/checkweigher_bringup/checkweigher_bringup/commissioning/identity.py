@@ -42,7 +42,7 @@ class Identity:
         self._values: NodeValues = {}
 
     def at_begin(self, values: NodeValues, how: str) -> str:
-        """Return the identity before the first step as JSON.
+        """Write the parameters to the file, and return the identity before the first step as JSON.
 
         `values` contains the parameters of the nodes, and `how` is the kind of procedure.
         """
@@ -59,7 +59,10 @@ class Identity:
         return json.dumps(self._known)
 
     def at_end(self, values: NodeValues) -> str:
-        """Return the identity after the last step as JSON, with the changes during the steps."""
+        """Return the identity after the last step as JSON, with the changes during the steps.
+
+        If the audit log can no longer be used, one of the changes is a sentence that states this.
+        """
         changes = list(_changes(self._values, values))
         try:
             digests, entries = _read_audit(self._audit)
@@ -72,7 +75,10 @@ class Identity:
 
 
 def _changes(before: NodeValues, after: NodeValues) -> Iterator[str]:
-    """Yield a sentence for each parameter, and for each node, that changed during the steps."""
+    """Yield a sentence for each parameter that changed during the steps.
+
+    For a node that reported its parameters only before or only after the steps, yield one sentence.
+    """
     for node in sorted({*before, *after}):
         if node not in before or node not in after:
             when = 'before the first' if node in before else 'after the last'
@@ -104,7 +110,9 @@ def _changes_in_log(entries: Iterable[Entry]) -> Iterator[str]:
 def _read_audit(path: Path | None) -> tuple[dict[str, str | None], Sequence[Entry]]:
     """Return the name, digest and last hash of an audit log, and the entries.
 
-    Raises `AuditError` if the chain of the log is broken.
+    Without a log, the three values are None, and there are no entries.
+
+    Raises `AuditError` if the log cannot be read, or its chain is broken.
     """
     if path is None:
         return dict.fromkeys(('audit_log', 'audit_log_sha256', 'audit_log_last_hash')), ()

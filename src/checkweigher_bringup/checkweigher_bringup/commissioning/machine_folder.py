@@ -26,7 +26,8 @@ products:
 """
 # Parameters by node and name.
 ParameterSets = dict[str, dict[str, object]]
-# Defaults of a line with a folder, which the parameter files override. A simulated line has no end.
+# Defaults of a line with a folder, which the parameter files override. With the count 0, a
+# simulated line has no end.
 DEFAULTS: ParameterSets = {'driver': {'simulator.count': 0}}
 
 

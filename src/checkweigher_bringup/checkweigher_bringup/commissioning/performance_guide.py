@@ -21,8 +21,10 @@ _PATIENCE = 5.0  # maximum time in s to wait for the first message, and for each
 def make_test(lane: str, who: str, reason: str, timeout: float) -> bool:
     """Begin a performance test, print each pass, and return whether the test has passed.
 
-    The test is cancelled if the user interrupts it or if it takes longer than `timeout` s. Raises
-    `UserError` if the line does not answer or refuses the test.
+    The test is cancelled if the user interrupts it or if it takes longer than `timeout` s.
+
+    Raises `UserError` if the line does not answer or refuses the test, or if the test takes longer
+    than `timeout` s.
     """
     with spinning(lane) as spinner:
         node = PortNode('performance')

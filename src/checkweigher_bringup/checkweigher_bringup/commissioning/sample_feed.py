@@ -24,7 +24,8 @@ _Message = LoadCell | SampleBlock | str
 class SampleFeed:
     """Queue of sample blocks from another thread.
 
-    `name` is the name of the topic or of the source, which error messages contain.
+    `name` is the name of the topic or of the source, which error messages contain. `load_cell` is
+    None until `wait_for_load_cell`, `forget` or `blocks` has taken the load cell from the queue.
     """
 
     def __init__(self, name: str) -> None:
@@ -34,22 +35,35 @@ class SampleFeed:
         self.latest: SampleBlock | None = None  # latest block that `blocks` has yielded
 
     def put(self, message: _Message) -> None:
-        """Add a block, the load cell, or a text that explains the end. Any thread may call this."""
+        """Add a block, the load cell, or a text that explains why no more samples will arrive.
+
+        Any thread may call this method.
+        """
         self._messages.put(message)
 
     def wait_for_load_cell(self) -> LoadCell:
-        """Return the load cell, or raise `UserError` if nothing arrives for 5 s."""
+        """Wait for the load cell, and return it.
+
+        Blocks that arrive before the load cell are discarded. Raises `UserError` if nothing arrives
+        for 5 s, or if the source has ended.
+        """
         while self.load_cell is None:
             self._take()
         return self.load_cell
 
     def forget(self) -> None:
-        """Discard the blocks in the queue, because they are older than the load on the belt."""
+        """Discard the blocks in the queue, because they are older than the load on the belt.
+
+        Raises `UserError` if the source has ended.
+        """
         while not self._messages.empty():
             self._take()
 
     def blocks(self) -> Iterator[SampleBlock]:
-        """Yield each block when it arrives, or raise `UserError` if nothing arrives for 5 s."""
+        """Yield each block when it arrives.
+
+        Raises `UserError` if nothing arrives for 5 s, or if the source has ended.
+        """
         while True:
             if (block := self._take()) is not None:
                 self.latest = block

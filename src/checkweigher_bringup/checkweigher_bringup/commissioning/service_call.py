@@ -41,7 +41,10 @@ def call(node: Any, kind: Any, name: str, patience: float, request: Any = None) 
 
 @contextmanager
 def node_that_verifies(namespace: str) -> Iterator[Node]:
-    """Run a node in a lane. With ROS security, the node has the right to write to the audit log."""
+    """Yield a node in a lane, which runs until the context ends.
+
+    With ROS security, the node has the right to write to the audit log.
+    """
     with spinning(namespace, VERIFIER) as spinner:
         node = rclpy.create_node(VERIFY)
         spinner.add(node)

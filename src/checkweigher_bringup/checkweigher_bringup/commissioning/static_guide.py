@@ -31,7 +31,12 @@ from checkweigher_driver.devices import source_class
 
 
 def calibrate_at_rest(arguments: argparse.Namespace) -> None:
-    """Guide the technician through the masses, and write the calibration file."""
+    """Guide the technician through the masses, and write the calibration file.
+
+    Raises `UserError` if an option is not valid, the samples or the standard input end, or the
+    largest residual is above the limit, and `CalibrationError` as `read_at_rest` does. The file is
+    then not written.
+    """
     if arguments.source is None:
         names = ', '.join(calibrated_sources())
         raise UserError(f'--source: must be the source to calibrate: {names}')
@@ -105,6 +110,9 @@ def read_at_rest(
     """Return the reading of a load once the load has been at rest for long enough.
 
     `show` is called with texts on the state of the measurement, and with '' at the end.
+
+    Raises `CalibrationError` if the load does not come to rest in time or the converter is at its
+    limit, and `UserError` if no samples arrive.
     """
     feed.forget()
     reading, blocks = RestReading(load_cell, steadiness), feed.blocks()
@@ -128,6 +136,6 @@ def _line(reading: StaticReading, load_cell: LoadCell, duration: float) -> str:
 
 
 def show(text: str) -> None:
-    """Replace the text in the last line of the terminal."""
+    """Replace the text in the last line of the terminal, if stderr is a terminal."""
     if sys.stderr.isatty():
         print(f'\r\x1b[K{text}', end='', file=sys.stderr, flush=True)

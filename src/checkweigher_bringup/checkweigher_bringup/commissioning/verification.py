@@ -31,7 +31,8 @@ from checkweigher_validation.verification.report import as_json, report_of
 def verify(arguments: argparse.Namespace) -> str:
     """Run a procedure and write its report, or write the report again from the bag of a procedure.
 
-    Returns the verdict, followed by the reason why it is not in the audit log, if there is one.
+    Returns the verdict. If the verdict could not be written to the audit log, or the audit log does
+    not confirm the bag and the verdict, a clause that states this follows the verdict.
     """
     folder: Path = arguments.output
     if arguments.params is not None and not arguments.bags:

@@ -52,9 +52,11 @@ def procedure_of_bags(
     """Weigh the bags of the steps, and write the bag of the procedure.
 
     Each bag has the name of its step. All bags are weighed with the same parameters, so the
-    procedure has one identity of the machine. Raises `UserError` if no step has the name of a bag,
-    if the calibrations of the bags differ, if the load of a bag differs from the plan or is never
-    at rest, or if bags overlap in time.
+    procedure has one identity of the machine.
+
+    Raises `UserError` if no step has the name of a bag, if the calibrations of the bags differ, if
+    a reference mass differs from the load in the plan, or if bags overlap in time. If the load of a
+    bag does not come to rest, the exceptions are those of `_rest`.
     """
     steps = {step.name: step for step in steps_of(plan)}
     for bag in bags:
@@ -134,7 +136,8 @@ def _results(weighing: Weighing, items: int, begin: int) -> Iterator[_Record]:
 def _rest(bag: Path, recording: Recording, steadiness: Steadiness) -> tuple[int, int]:
     """Return the start and end in ns of the first segment in which the load is at rest.
 
-    Raises `UserError` if there is no such segment.
+    Raises `UserError` if the recording ends before there is such a segment, and `CalibrationError`
+    if the load does not come to rest in time or the converter is at its limit.
     """
     reading = RestReading(recording.load_cell, steadiness)
     for block in recording.blocks:

@@ -76,16 +76,16 @@ class Operator(Protocol):
     """
 
     def begin(self, steps: Sequence[Step]) -> None:
-        """Set the steps of the procedure."""
+        """Announce the steps of the procedure, before the first of them."""
 
     def asked(self, number: int, step: Step) -> str:
-        """Ask for a step, and return the reason why the step is skipped, or ''."""
+        """Ask the operator to do a step. Return the reason for skipping the step, or ''."""
 
     def goes_on(self, number: int, found: str, *, passed: bool) -> bool:
-        """Show the result of a step, and return false if the step must be repeated."""
+        """Show the result of a step. Return False if the step must be repeated, otherwise True."""
 
     def tell(self, text: str) -> None:
-        """Show the text of an event."""
+        """Show a text on an event, such as a pass of a product."""
 
     def show(self, text: str) -> None:
         """Show the state of the measurement, which changes several times a second."""
@@ -98,17 +98,20 @@ class Terminal:
         self._steps: Sequence[Step] = ()
 
     def begin(self, steps: Sequence[Step]) -> None:
-        """Set the steps of the procedure."""
+        """Store the steps of the procedure, whose number and names are printed later."""
         self._steps = steps
 
     def asked(self, number: int, step: Step) -> str:
-        """Ask for a step, and return the reason why the step is skipped, or ''."""
+        """Ask the operator to do a step. Return the reason for skipping the step, or ''."""
         show('')
         title = f'{number + 1}/{len(self._steps)} {step.name}'
         return ask(f'{title}: {step.to_do} (or type why it is skipped)', _UNFINISHED)
 
     def goes_on(self, number: int, found: str, *, passed: bool) -> bool:
-        """Print the result of a step, and return false if the step must be repeated."""
+        """Print the result of a step, and return False if the step must be repeated.
+
+        Only if the step failed, ask whether it must be repeated. Otherwise, return True.
+        """
         self.tell(f'{self._steps[number].name}, {found}')
         return passed or ask('Type r to repeat the step, or nothing to go on', _UNFINISHED) != 'r'
 
@@ -189,7 +192,7 @@ class VerificationNode(RecorderNode):
         self.feed.put(block)
 
     def _on_verdict(self, verdict: Verdict) -> None:
-        # A verdict may arrive before the samples of its time. It changes `latest`, so that the next
+        # A verdict may arrive before the samples of its time. Increase `latest`, so that the next
         # step begins after this verdict.
         self.latest = max(self.latest, verdict.t3 or 0)
         self.verdicts.put(verdict)
@@ -197,7 +200,11 @@ class VerificationNode(RecorderNode):
 
 @contextmanager
 def _writing(bag: BagWriter, node: VerificationNode) -> Iterator[None]:
-    """Write the recorded messages in another thread for the duration of the context."""
+    """Write the recorded messages to the bag, in another thread, until the context ends.
+
+    When the context ends, wait until all messages are written. Raises `OutputError` if a message
+    could not be written, unless the context has raised another exception.
+    """
     ending = threading.Event()
 
     def write() -> None:
@@ -226,7 +233,10 @@ class _Guide:
         self._warm: int | None = None  # start of the warm-up in ns
 
     def run(self) -> None:
-        """Guide the operator through all steps."""
+        """Guide the operator through all steps, and wait until `_TRAIL` s of samples follow.
+
+        Raises `BrokenOffError` if the operator cancels the procedure.
+        """
         steps = steps_of(self._plan)
         self._operator.begin(steps)
         for number, step in enumerate(steps):

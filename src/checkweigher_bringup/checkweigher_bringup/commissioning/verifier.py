@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Node that guides an operator at the page through a verification.
 
-The procedure is the same as at the terminal. It runs in a thread of its own, because it waits for
-the answers of the operator.
+The procedure is the same as at the terminal. The procedure runs in a thread of its own, because it
+waits for the answers of the operator.
 """
 
 from collections.abc import Callable, Sequence
@@ -64,6 +64,8 @@ class RemoteOperator:
     """Operator at the page, who sees the published progress and answers by a service.
 
     `progress` is the initial progress. `publish` is called with the new progress after each change.
+    After `break_off`, `tell`, `show` and each method that waits for an answer raise
+    `BrokenOffError`.
     """
 
     def __init__(
@@ -82,7 +84,7 @@ class RemoteOperator:
         self._change(steps=tuple(step.name for step in steps), results=('',) * len(steps))
 
     def asked(self, number: int, step: Step) -> str:
-        """Ask for a step, and return the reason why the step is skipped, or ''."""
+        """Ask the operator to do a step. Return the reason for skipping the step, or ''."""
         known = self._progress
         # Keep the lines of a failed attempt, because they explain why the step is asked for again.
         lines = known.lines if known.step == number and not known.results[number] else ()
@@ -94,7 +96,10 @@ class RemoteOperator:
         return ''
 
     def goes_on(self, number: int, found: str, *, passed: bool) -> bool:
-        """Publish the result of a step. If the step failed, ask whether it must be repeated."""
+        """Publish the result of a step. If the step failed, ask whether it must be repeated.
+
+        Returns False if the step must be repeated, otherwise True.
+        """
         self._set_result(number, found)
         if passed:
             return True
@@ -115,11 +120,11 @@ class RemoteOperator:
             self._change(text=text)
 
     def finish(self) -> None:
-        """Publish that all steps are done."""
+        """Publish that the steps have ended, and that the report is being written."""
         self._change(state=ProgressState.MAKING, text='the report is being written')
 
     def end(self, text: str) -> None:
-        """Publish the end of the procedure."""
+        """Publish the end of the procedure, with its verdict or its error as `text`."""
         self._change(state=ProgressState.IDLE, text=one_line(text))
 
     def _ask(self, state: ProgressState, **values: Any) -> tuple[StepAnswer, str]:
@@ -168,7 +173,11 @@ class RemoteOperator:
         self._answers.put((answer, reason))
 
     def break_off(self) -> None:
-        """End the procedure. The report contains the steps so far."""
+        """Request the end of the procedure. The report contains the steps so far.
+
+        The thread of the procedure ends the steps when it next asks the operator or publishes a
+        text.
+        """
         self._broken_off.set()
 
 
@@ -210,7 +219,7 @@ class VerifierNode(StageNode[VerifierParameters]):
 
     @property
     def _busy(self) -> RemoteOperator | None:
-        """Operator of the current verification, or None."""
+        """Operator of the current verification, or None if no verification is running."""
         return None if self._operator is None or self._operator.ended else self._operator
 
     async def _run(self, goal: Any, result: Any, tell: Callable[..., None]) -> None:
@@ -261,7 +270,10 @@ class VerifierNode(StageNode[VerifierParameters]):
         return ''
 
     def _break_off(self) -> None:
-        """End the current verification. Its report contains the completed steps."""
+        """Request the end of the current verification, if there is one.
+
+        The report of this verification contains the completed steps.
+        """
         if (operator := self._busy) is not None:
             operator.break_off()
 
@@ -301,12 +313,15 @@ class VerifierNode(StageNode[VerifierParameters]):
             ended.set_result((str(error), ''))
 
     def shut_down(self) -> None:
-        """End the current procedure."""
+        """Request the end of the current procedure. `destroy_node` waits for the end."""
         if self._operator is not None:
             self._operator.break_off()
 
     def destroy_node(self) -> None:
-        """Wait until the bag and the report are complete, and destroy the node."""
+        """Wait until the bag and the report are complete, and destroy the node.
+
+        After `_END_PATIENCE` s, the node is destroyed even if the bag or the report is incomplete.
+        """
         if self._thread is not None:
             self._thread.join(_END_PATIENCE)
         super().destroy_node()
