@@ -15,7 +15,8 @@ T = TypeVar('T')
 _DELAY = 1.0  # time in s until the bar appears, and twice the least time between two lines
 _FORMAT = '{desc}: {percentage:3.0f}%|{bar}| {elapsed}, about {remaining} left'
 
-# Name of an environment variable. If it is set, lines of text are printed instead of a bar.
+# Name of an environment variable. If the variable is set, lines of text are printed instead of a
+# bar.
 PROGRESS = 'CHECKWEIGHER_PROGRESS'
 _LINE = 'progress {:.4f}, {:.1f} s left: {}'
 _READ = re.compile(r'progress (\S+), (\S+) s left: (.*)')
@@ -50,7 +51,7 @@ def with_progress(
     the environment variable CHECKWEIGHER_PROGRESS is set and `total` is known and not 0, lines of
     text are printed to the standard output instead, which `read_progress` can parse.
 
-    `total` is the number of items. By default, it is the length of `items`, and it is unknown if
+    `total` is the number of items. By default, `total` is the length of `items`, or unknown if
     `items` has no length. If the items take unequal time, `size` returns the amount of work of an
     item, and the caller must pass the sum of these amounts as `total`. If `shown` is False, neither
     a bar nor lines appear.

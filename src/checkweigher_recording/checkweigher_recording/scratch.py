@@ -21,8 +21,8 @@ def scratch_folder() -> Iterator[Path]:
     """Create a temporary folder, yield its path, and remove the folder when the context ends.
 
     The process holds a lock on its folder. The kernel releases the lock when the process ends, so
-    `remove_abandoned` can recognize the folders of killed processes. These folders are removed
-    before the new folder is created. If the file system does not support locks, they remain.
+    `remove_abandoned` can recognize the folders of killed processes. The folders of killed
+    processes are removed before the new folder is created, if the file system supports locks.
     """
     remove_abandoned()
     folder, lock = _locked_folder()

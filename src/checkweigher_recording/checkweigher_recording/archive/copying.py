@@ -18,7 +18,10 @@ def is_url(place: str) -> bool:
 
 
 def holds_bag(names: Iterable[str]) -> bool:
-    """Return whether a folder with these files is a bag: it has ``metadata.yaml`` or ``.mcap``."""
+    """Return whether a folder is a bag. `names` are the names of the files in the folder.
+
+    A bag contains ``metadata.yaml`` or an ``.mcap`` file.
+    """
     return any(name == 'metadata.yaml' or name.endswith('.mcap') for name in names)
 
 

@@ -16,12 +16,13 @@ _SUFFIXES = ('.mcap', '.db3')
 def find_bags(places: Iterable[str]) -> dict[str, str]:
     """Return the bags in some places, as a mapping from each bag to its place.
 
-    A place is a path or a URL of fsspec. If a place is a file, it is returned as a bag. If it is a
-    folder, it and its subfolders are searched for bags, which are folders with a ``.mcap`` file or
-    ``metadata.yaml``. Subfolders whose names begin with a dot are skipped, and so are those within
-    a bag. The bags are in the order of `places`, and in alphabetical order within a place. A bag
-    that can be found by several paths is returned once. If a place has no bag or cannot be listed,
-    the place itself is returned as a bag, so that the caller gets the error when it reads that bag.
+    A place is a path or a URL of fsspec. If a place is a file, it is returned as a bag. If a place
+    is a folder, the folder and its subfolders are searched for folders with a ``.mcap`` file or
+    ``metadata.yaml``, which are returned as bags. Subfolders within a bag, and subfolders whose
+    names begin with a dot, are not searched. The bags are in the order of `places`, and in
+    alphabetical order within a place. A bag that can be found by several paths is returned once. If
+    a place has no bag or cannot be listed, the place itself is returned as a bag, so that the
+    caller gets the error when it reads that bag.
 
     Raises `BagError` if there are places, but none of them has a bag.
     """
@@ -80,7 +81,10 @@ def _parts(bag: str) -> tuple[str, ...]:
 
 
 def _bags_in(place: str) -> list[str]:
-    """Return the bags in a place. Raises `BagError` if it has no bag or cannot be listed."""
+    """Return the bags in a place.
+
+    Raises `BagError` if the place has no bag or cannot be listed.
+    """
     try:
         bags = list(_stored_bags(place) if is_url(place) else _local_bags(Path(place)))
     except OSError as error:

@@ -31,7 +31,7 @@ class BagError(ValueError):
 def bag_errors(path: Path) -> Iterator[None]:
     """Convert the exceptions that are raised while the bag or file `path` is read to `BagError`.
 
-    A `BagError` is not changed.
+    A `BagError` is raised unchanged.
     """
     try:
         yield

@@ -67,7 +67,7 @@ class LaneMessages:
         self._samples, self._since, self._bytes = [], 0, 0
 
     def take_cell(self, data: bytes) -> None:
-        """Add a load-cell message. A bag may contain several equal messages.
+        """Add a load-cell message. A bag may contain several load-cell messages if they are equal.
 
         Raises `BagError` if the message is not valid, or differs from an earlier one.
         """

@@ -48,7 +48,7 @@ def lanes_of(connections: Iterable[Connection], ports: Collection[Port]) -> dict
 def choose_lane(path: Path, connections: Sequence[Connection], namespace: str | None) -> Lane:
     """Return the connections of the recorded signals of one lane, each with its port.
 
-    `namespace` is the namespace of the lane. It may be None if the bag has only one lane.
+    `namespace` is the namespace of the lane, or None for the only lane of the bag.
 
     Raises `BagError` if the bag has no such lane, or if `namespace` is None and the bag has several
     lanes.

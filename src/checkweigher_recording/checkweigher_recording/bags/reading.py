@@ -74,8 +74,8 @@ def read_stretches(
     as in `read_bag`.
 
     Raises `OutOfOrderError` if a message belongs to a part that was already returned. This happens
-    only if its time stamp is more than one minute before that of an earlier message. `read_bag` can
-    read such a bag.
+    only if the time stamp of the message is more than one minute before that of an earlier message.
+    `read_bag` can read such a bag.
     """
     with open_bag(path) as bag:
         lane = choose_lane(path, bag.connections, namespace)
@@ -190,8 +190,9 @@ def _check_numbers(
 ) -> None:
     """Check that no messages were lost.
 
-    The number of messages of each topic must be the same in ``metadata.yaml`` and in the files. For
-    `topics`, it must be the same in `read`, too, which counts the messages that were read.
+    The number of messages of each topic must be the same in ``metadata.yaml`` and in the files.
+    `read` contains the numbers of messages that were read. For each topic in `topics`, the number
+    in `read` must equal the number in the files.
 
     Raises `BagError` if two of the numbers differ.
     """

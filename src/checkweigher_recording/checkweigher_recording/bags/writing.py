@@ -23,8 +23,8 @@ from checkweigher_core.whole_file import OutputError, check_new, output_error, w
 from checkweigher_recording.bags.definitions import serialize, typestore
 from checkweigher_recording.bags.lanes import lane_prefix
 
-# Name of the file in the folder of a bag. It does not depend on the name of the folder, because
-# equal recordings must have equal bytes.
+# Name of the file in the folder of a bag. The name of the file does not depend on that of the
+# folder, because equal recordings must have equal bytes.
 _FILE = 'line_0.mcap'
 _VERSION = 9  # version of the bag format
 _FOREVER = interfaces.QosTime(9223372036, 854775807)
@@ -37,7 +37,8 @@ def write_bag(
     """Write the events of one lane to a new bag. If an error occurs, no bag is left behind.
 
     The log time of a message is the stamp of its event. The first message describes the load cell,
-    and has the stamp of the first event. Equal arguments except `path` give equal bytes.
+    and has the stamp of the first event. Calls with equal arguments write equal bytes, even if
+    `path` differs.
 
     Parameters
     ----------
@@ -147,7 +148,7 @@ class BagWriter(AbstractContextManager['BagWriter', None]):
     def flush(self) -> None:
         """Write all buffered messages to the file, where they remain if the process is killed.
 
-        Raises `OutputError` if they cannot be written.
+        Raises `OutputError` if the messages cannot be written.
         """
         if self._mcap is not None:
             with self._writing():

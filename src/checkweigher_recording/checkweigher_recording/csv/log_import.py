@@ -169,7 +169,7 @@ class _Clock:
 
 
 def _clock(table: Columns, parameters: ImportParameters, content: EdgesFile | None) -> _Clock:
-    """Return the sampling times of the rows. The sampling times are multiples of a sample interval.
+    """Return the sampling times of the rows, which lie on an evenly spaced grid.
 
     If the time column shows that rows are missing, the sample index increases by more than 1.
 
@@ -204,7 +204,7 @@ def _clock(table: Columns, parameters: ImportParameters, content: EdgesFile | No
 def _given_rate(parameters: ImportParameters, content: EdgesFile | None) -> float:
     """Return the sample rate of the parameters or the edges file in Hz, or 0 if none is given.
 
-    Raises `ParameterError` if both are given and differ.
+    Raises `ParameterError` if the parameters and the edges file give different sample rates.
     """
     given, of_file = parameters.sample_rate, content.sample_rate if content else None
     if given and of_file and not math.isclose(given, of_file, rel_tol=1e-6):

@@ -65,8 +65,8 @@ class BeltTravel:
         """
         # Planned passes that have not ended, in order of entry.
         self.passes: list[Pass] = []
-        # t4 of the last product in s. It is None until the pass of this product is planned, and on
-        # an endless line.
+        # t4 of the last product in s, or None if the pass of this product is not planned yet, or
+        # the line is endless.
         self.last_exit: float | None = None
         # The caller may set the attributes below. A new value takes effect in the next call of
         # `plan`.
@@ -81,8 +81,8 @@ class BeltTravel:
         self.resting = 0.0
         # Length of free belt between two products in m, or 0 for the spacing of the line.
         self.gap = 0.0
-        # Masses in kg of products that are put on the infeed by hand. They are the next products to
-        # enter, even if `feed` is False. A mass of 0 selects the mass of the other products.
+        # Masses in kg of products that are put on the infeed by hand. These products enter next,
+        # even if `feed` is False. A mass of 0 selects the mass of the other products.
         self.by_hand: list[float] = []
         self._line = line
         self._speed_jitter = variation.speed
@@ -130,7 +130,7 @@ class BeltTravel:
     def load(self, time: Array, travel: Array) -> Array:
         """Return the mass on the belt, (n,) in kg.
 
-        `time` is the time, (n,) in s, and `travel` is the belt travel at that time, (n,) in m.
+        `time` contains times in s, (n,), and `travel` the belt travel at these times in m, (n,).
         """
         load = np.full(len(time), self.resting)
         for entry, touched in self.touched(time):
@@ -146,7 +146,7 @@ class BeltTravel:
         """Return the mass on the belt, as in `load`, rounded to a piecewise constant function.
 
         The first array contains the indices at which the mass changes, (m + 1,) from 0 to n. The
-        second array contains the masses between them, (m,) in kg.
+        second array contains the masses between these indices, (m,) in kg.
         """
         steps = [np.array((0, len(time)))]
         for entry in self.passes:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Family of belt scales with random properties. The profile ``machine:SEED`` draws one of them.
+"""Family of belt scales with random properties. The profile ``machine:SEED`` draws one scale.
 
 A drawn machine has more causes of disturbance than a `Profile`. Each cause of disturbance is a
 field of `Machine`, and `Machine.without` removes causes. The ranges of the properties are typical
@@ -120,7 +120,7 @@ class Roller:
 
     diameter: float  # diameter in m
     amplitudes: tuple[float, ...]  # amplitudes by order from 1, per belt speed, in kg s/m
-    wander: float  # standard deviation in rad of the phase from that of a uniform rotation
+    wander: float  # standard deviation in rad of the phase about a uniform rotation
     growth: float  # relative increase of the amplitude with the load in 1/kg
     place: float  # position from -1 at the infeed to 1 at the outfeed
 

@@ -231,11 +231,11 @@ class Simulation:
     """
 
     def __init__(self, parameters: SimulationParameters) -> None:
-        # Settings of the operator. They may be replaced at any time, and take effect in the next
-        # chunk of the signal, which usually begins within one second of signal time.
+        # Settings of the operator. New settings may be assigned at any time, and take effect in the
+        # next chunk of the signal, which usually begins within one second of signal time.
         self.operation = OperationParameters()
-        # Function that returns the time stamp in ns of the first sample of an iteration. It is
-        # called after the first chunk of the signal has been computed, because that takes time.
+        # Function that returns the time stamp in ns of the first sample of an iteration. The first
+        # chunk of the signal is computed before the call, because the computation takes time.
         self.start: Callable[[], int] = lambda: parameters.start_time * NANOSECONDS
         self._begin = 0
         self._parameters = parameters
@@ -337,8 +337,8 @@ class _Machine:
     def operate(self, operation: OperationParameters) -> None:
         """Apply the settings of the operator to the next samples.
 
-        The products that were put by hand since the previous call are added to the belt. In the
-        first call, none are added.
+        The products that were put by hand since the previous call are added to the belt. The first
+        call adds no products.
         """
         belt = self._belt
         belt.speed, belt.feed = operation.speed or self._parameters.speed, operation.feed
