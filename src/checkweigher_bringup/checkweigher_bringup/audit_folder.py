@@ -88,7 +88,7 @@ def summary(folder: Path, chain: LogChain) -> Iterator[str]:
 
 
 def _silent_days(entries: list[Entry]) -> Iterator[str]:
-    """Yield the days, or spans of days, between two entries on which no entry was written."""
+    """Yield each day or span of days without an entry, between the first and the last entry."""
     days = set[date]()
     for entry in entries:
         with suppress(ValueError):

@@ -33,7 +33,7 @@ class _Hashed:
         self._sha256 = hashlib.sha256()
 
     def read(self, size: int) -> bytes:
-        """Return the next bytes of the file."""
+        """Return the next `size` bytes of the file, or the rest of the file if it is shorter."""
         data = self._file.read(size)
         self._sha256.update(data)
         return data
@@ -55,8 +55,10 @@ def write_backup(folder: Path, archive: Path) -> int:
     UserError
         If the folder does not exist, if it contains anything other than files and folders, or if
         the archive would be in the folder.
+    AuditError
+        If the audit log cannot be read.
     OSError
-        If a file cannot be read or the archive cannot be written.
+        If another file cannot be read, or the archive cannot be written.
     """
     if not folder.is_dir():
         raise UserError(f'{folder}: is not a folder')
@@ -73,7 +75,11 @@ def write_backup(folder: Path, archive: Path) -> int:
 
 
 def _add(tar: tarfile.TarFile, folder: Path) -> Iterator[tuple[str, str]]:
-    """Add a folder to an archive, and yield the name and the SHA-256 of each file."""
+    """Add a folder to an archive, and yield the name and the SHA-256 of each file.
+
+    A file that was removed since the files were listed is left out. The exceptions are as in
+    `write_backup`.
+    """
     tar.add(folder, _FOLDER, recursive=False)
     paths = sorted(folder.rglob('*'))
     heads = {head_path(path) for path in paths} & set(paths)

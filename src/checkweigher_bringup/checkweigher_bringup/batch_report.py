@@ -19,7 +19,10 @@ from checkweigher_validation.batch.signatures import RELEASE, Signer
 
 
 def signers_of(users: Path) -> dict[str, Signer]:
-    """Return the keys and the right to release of each user in a file, by user name."""
+    """Return the keys of each user in a file, and whether the user may release, by user name.
+
+    Raises `SettingsError` if the file cannot be used.
+    """
     from checkweigher_web.access.users import least_role, read_users
 
     return {
@@ -29,15 +32,22 @@ def signers_of(users: Path) -> dict[str, Signer]:
 
 
 def record_files(source: Path) -> list[Path]:
-    """Return the paths of the records in the folder `source`, or `source` if it is a record."""
+    """Return the paths of the records in the folder `source`, sorted by name.
+
+    If `source` is not a folder, only `source` is returned.
+    """
     return sorted(source.glob(f'*{SUFFIX}')) if source.is_dir() else [source]
 
 
 def item_lines(source: Path, log: Path | None, item: int) -> Iterator[str]:
-    """Yield the verdicts on an item in a record, or in all records in a folder.
+    """Yield lines of text on the verdicts on an item in a record, or in all records in a folder.
 
-    Each verdict is followed by the SHA-256 of its line in the record. Raises `LineError` if there
-    is no verdict on the item, or if a record that contains one cannot be trusted.
+    Each verdict is followed by the SHA-256 of its line in the record, and the verdicts of a record
+    by a line that the record agrees with the audit log. `log` is the path of the audit log, or
+    None for the log of the machine whose folder contains the record.
+
+    Raises `LineError` after the last line if there is no verdict on the item, or if a record that
+    contains one cannot be trusted.
     """
     found, faults = 0, []
     for record in record_files(source):
@@ -59,7 +69,7 @@ def item_lines(source: Path, log: Path | None, item: int) -> Iterator[str]:
 
 
 def _verdicts(record: Path, batch: Batch, item: int) -> Iterator[str]:
-    """Yield the verdicts on an item in a record as lines of text."""
+    """Yield three lines of text for each verdict on an item in a record."""
     lines = record.read_bytes().splitlines()
     for number, (kind, event) in enumerate(read_events(record), 1):
         if kind == 'verdict' and event.item_id == item:
@@ -72,7 +82,11 @@ def _verdicts(record: Path, batch: Batch, item: int) -> Iterator[str]:
 
 
 def fails(batch: Batch, parts: Sequence[PartFigures]) -> bool:
-    """Return whether the record of a batch cannot be trusted, or the batch does not meet a rule."""
+    """Return whether the record of a batch cannot be trusted, or the batch does not meet a rule.
+
+    A product is not judged if 76/211/EEC has no limits for its nominal weight, or if no item was
+    accepted.
+    """
     judged = [part for part in parts if part.judgement and part.reference]
     rules = [each for part in judged for each in (part.judgement, part.reference)]
     return bool(batch.faults) or not all(each.passed for each in rules if each)
@@ -113,7 +127,11 @@ def batch_lines(batch: Batch, parts: Sequence[PartFigures]) -> Iterator[str]:
 
 
 def _trust_lines(batch: Batch, title: str) -> Iterator[str]:
-    """Yield lines on a record: agreement with the audit log, faults, signatures, foreign items."""
+    """Yield lines of text on a record, before those on the products.
+
+    The lines state whether the record agrees with the audit log, its faults, its signatures, and
+    the number of its items that belong to another batch.
+    """
     if batch.log:
         state = '' if batch.end else '; the batch has not ended yet'
         agrees = 'agrees with' if batch.in_log is InLog.AGREES else 'does NOT agree with'

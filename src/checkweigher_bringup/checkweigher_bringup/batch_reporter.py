@@ -44,7 +44,10 @@ class BatchReporter(PortNode):
 def write_files(record: Path, sha256: str) -> dict[str, str]:
     """Write the report on a batch as HTML and JSON, and return the SHA-256 of each file by name.
 
-    Raises `ValueError` if `sha256` is not the SHA-256 of the record.
+    The files are in the folder of the record, and have its name with another suffix.
+
+    Raises `ValueError` if `sha256` is not the SHA-256 of the record, `RecordError` or `AuditError`
+    if the record or its audit log cannot be read, and `OutputError` if a file cannot be written.
     """
     # Imported late, because the imports are slow, and are not needed before a batch has finished.
     from checkweigher_bringup.batch_report import write_report

@@ -48,9 +48,9 @@ _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # signals that end a c
 class _Ended(KeyboardInterrupt):
     """Raised if a signal ends the command.
 
-    A plain KeyboardInterrupt is not used. If it is raised in code that `exec` runs, Python kills
-    itself by SIGINT at its exit, even if the exception is caught. The definition of a dataclass,
-    for example, runs such code.
+    A plain KeyboardInterrupt is not used. If a KeyboardInterrupt is raised in code that `exec`
+    runs, Python kills itself by SIGINT at its exit, even if the exception is caught. The definition
+    of a dataclass, for example, runs such code.
     """
 
 
@@ -122,7 +122,8 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
 
     The status is 0 if the command succeeds, and 1 if it reports a failure, such as an item without
     a verdict. The status is 2 if the input or the output cannot be used, and 128 + N if signal N
-    ended the command (130 for Ctrl-C).
+    interrupted the command (130 for Ctrl-C). A command that runs until a signal arrives, such as
+    `echo`, has the status 0 or 1 after the signal if it completes its work.
     """
     received: list[int] = []
 
@@ -145,12 +146,17 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
 
 
 def _prepare(interrupt: Callable[[int, FrameType | None], None]) -> None:
-    """Install the signal handler `interrupt`, and prepare the standard streams for any text."""
+    """Install the signal handler `interrupt`, and prepare the standard streams.
+
+    The null device replaces each closed standard stream. The standard output escapes characters
+    that it cannot encode. This process ends with its parent process if the parent has set the
+    variable of `child_environment`.
+    """
     end_with_parent()
     for number in _ENDING:
         # A background command of a shell script starts with SIGINT ignored. The handler replaces
         # that setting, so that SIGINT ends a recording. The command nohup starts a command with
-        # SIGHUP ignored, which must stay ignored.
+        # SIGHUP ignored, so SIGHUP must stay ignored.
         if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, interrupt)
     # Open the null device in place of each closed standard stream. Otherwise, the next opened file
@@ -165,7 +171,11 @@ def _prepare(interrupt: Callable[[int, FrameType | None], None]) -> None:
 
 
 def _run(arguments: Sequence[str]) -> int:
-    """Run a command and return its exit status. Print a user error as one line."""
+    """Run a command and return its exit status. Print a user error as one line.
+
+    The status is 0 if the program that reads the output has ended. Exceptions that are not user
+    errors are raised.
+    """
     command = ''
     try:
         try:

@@ -12,7 +12,11 @@ class UserError(ValueError):
 
 
 class LineError(UserError):
-    """Raised if a line, a record or a signature fails, for example if an item has no verdict."""
+    """Raised if a replay fails, a record cannot be trusted, or a signature is refused.
+
+    Also raised if no record contains a verdict on the requested item. The exit status of the
+    command is then 1 instead of 2.
+    """
 
     exit_status = 1
 

@@ -48,6 +48,8 @@ def evaluate(arguments: argparse.Namespace, n_jobs: int | None) -> int:
 
     Returns the number of bags that were skipped. `n_jobs` is the number of processes, as in
     `checkweigher_validation.jobs.run_jobs`.
+
+    Raises `UserError` if the options cannot be used together, or no pass can be weighed.
     """
     _check(arguments)
     accuracy_class = _accuracy_class(arguments)
@@ -224,7 +226,10 @@ def _evaluate_bags(arguments: argparse.Namespace, n_jobs: int | None) -> Result:
 
 
 def _examples(passes: list[KnownPass], base: LineParameters) -> tuple[Example, ...]:
-    """Return the heaviest pass at the lowest speed and, with several speeds, at the highest one."""
+    """Return an example of the heaviest pass at the lowest speed, and one at the highest speed.
+
+    If all passes have the same speed, only one example is returned.
+    """
     groups = group_by_speed(passes)
     ends = groups if len(groups) == 1 else (groups[0], groups[-1])
     return tuple(
@@ -251,7 +256,7 @@ def _sets(train: list[KnownPass], test: list[KnownPass]) -> list[PassSet]:
 def _by_speed(
     part: str, passes: list[KnownPass], groups: Sequence[SpeedGroup]
 ) -> Iterator[PassSet]:
-    """Yield the passes of each speed.
+    """Yield the passes of each speed, with the name `part`. Speeds without passes are left out.
 
     A pass with faults is grouped with the last pass without faults before it, or with the first one
     after it if there is none before. If all passes have faults, they are in the slowest group.

@@ -77,7 +77,10 @@ class ResultListener(PortNode):
 
 
 def _estimate_of(verdict: Verdict) -> MassEstimate:
-    """Return an estimate that contains only the values which a verdict repeats."""
+    """Return an estimate that contains only the values which a verdict repeats.
+
+    If the verdict has neither reasons nor an estimate, the reason is `Reason.NO_ESTIMATE`.
+    """
     return MassEstimate(
         verdict.item_id,
         verdict.t1,
@@ -117,7 +120,7 @@ class EchoNode(ResultListener):
         return ResultJoiner((), list(self._references)).join(weighing)
 
     def place(self) -> str:
-        """Return the name of the topic of the verdicts, and the ROS domain."""
+        """Return a text with the name of the topic of the verdicts and the ROS domain."""
         domain = os.environ.get('ROS_DOMAIN_ID') or '0'
         return f'{self.resolve_topic_name(ports.VERDICT.name)} in ROS_DOMAIN_ID {domain}'
 

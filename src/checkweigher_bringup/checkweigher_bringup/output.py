@@ -22,7 +22,10 @@ from checkweigher_validation.accuracy.results import (
 
 
 def check_output_file(path: Path | None, overwrite: bool) -> None:
-    """Raise `UserError` or `OutputError` if a file cannot be written, or must not be replaced."""
+    """Raise `UserError` or `OutputError` if a file cannot be written, or must not be replaced.
+
+    Nothing is checked if `path` is None or the path of a stream, such as ``/dev/stdout``.
+    """
     if path is None or is_stream(path):
         return
     if path.is_dir():
@@ -78,7 +81,7 @@ class ItemTable:
         return result
 
     def close(self) -> None:
-        """Print the summary."""
+        """Print the summary, unless the header was not printed because no item was shown."""
         if self._origin is not None:
             self._print(summary(self._decisions, self._errors))
 

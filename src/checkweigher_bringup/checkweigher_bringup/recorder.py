@@ -64,7 +64,11 @@ class ReferencePasses:
             yield one_line(self._news.get())
 
     def take(self, verdict: Verdict) -> Reference | None:
-        """Count a pass, and return its known mass. Return None if the pass does not count."""
+        """Count the pass of a verdict, and return the known mass, stamped with t1.
+
+        Returns None if the pass does not count: if the wanted passes were counted before, if the
+        verdict has no t1, or if it is a FAULT with a reason that is not in `_OF_USE`.
+        """
         if self.count >= self._wanted:
             return None
         reasons = ', '.join(verdict.reasons)
@@ -108,7 +112,9 @@ class RecorderNode(PortNode):
     def write(self, bag: BagWriter) -> bool:
         """Wait up to 0.2 s for the next message, write it, and return whether it arrived.
 
-        The bag is flushed once a second.
+        If the latest flush of the bag was more than a second ago, the bag is flushed.
+
+        Raises `OutputError` if the bag cannot be written.
         """
         arrived = False
         with suppress(queue.Empty):
@@ -137,7 +143,7 @@ def record(
     inputs_only: bool = False,
     passes: ReferencePasses | None = None,
 ) -> None:
-    """Record a lane for `duration` s, until all `passes` are recorded, or until a signal arrives.
+    """Record a lane until `duration` s have passed, all `passes` are recorded, or a signal arrives.
 
     The signals are SIGINT, SIGTERM and SIGHUP. If this process is killed, the bag lacks the
     messages of the last second and the file ``metadata.yaml``. With `inputs_only`, results are not
@@ -167,7 +173,11 @@ def record(
 
 
 def _write_until(end: float, bag: BagWriter, node: RecorderNode, asked: Sequence[int]) -> None:
-    """Write messages until the time `end` in s, all passes are recorded, or a signal arrives."""
+    """Write messages until the time `end` in s, all passes are recorded, or a signal arrives.
+
+    After a signal, messages in transit are written until none arrives for `_POLL_PERIOD` s, for at
+    most `_FAREWELL` s and not beyond `end`.
+    """
     passes, silent_since = node.passes, time.monotonic()
     with tqdm(desc='recording', unit=' messages', disable=None, leave=False) as progress:
         while not asked and (now := time.monotonic()) < end and not (passes and passes.done):

@@ -38,8 +38,9 @@ _DISCOVERY_TIME = 1.0  # time in s to wait for the discovery of a driver that al
 class Collector(ResultListener):
     """Node that collects the results of a graph until every item has its verdict.
 
-    The replay fails if no message arrives for `patience` s. If the driver `waits` for subscribers,
-    this time begins with the first sample. `failure` is the error of a replay that has failed, or
+    The replay fails if neither a verdict with its estimate nor a status of the segmenter arrives
+    for `patience` s. If the driver `waits` for subscribers, this time begins with the first sample.
+    `failure` is the error of a replay that has failed, or
     None.
     """
 
@@ -157,7 +158,7 @@ def _results(
 
 
 def _wait_until_taken(nodes: Sequence[Node]) -> None:
-    """Wait until all messages are acknowledged.
+    """Wait until the subscribers have acknowledged all messages, but at most 1 s in all.
 
     A node that ends drops its messages that are not acknowledged.
     """

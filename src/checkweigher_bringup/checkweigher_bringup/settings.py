@@ -26,6 +26,8 @@ def line_parameters(
 
     `estimator` replaces the estimator of the file. `lane` is the namespace of the lane to read if
     the file contains the parameters of several lanes.
+
+    Raises `ParameterError` if the file cannot be read, or a value is not valid.
     """
     parameters = LineParameters() if path is None else LineParameters.from_file(path, lane)
     return parameters if estimator is None else parameters.with_estimator(estimator)
@@ -77,14 +79,20 @@ def check_namespace(name: str) -> str:
 
 
 def places_of(arguments: Namespace, bags: Iterable[str]) -> list[str]:
-    """Return the paths of bags for the workers, which may run in another working directory."""
+    """Return the bags as the workers can find them.
+
+    For a cluster, a path becomes absolute, because the workers may run in another folder. URLs, and
+    all bags for the local scheduler, are returned unchanged.
+    """
     is_local = arguments.scheduler == LOCAL
     return [bag if is_local or is_url(bag) else os.path.abspath(bag) for bag in bags]
 
 
 @contextmanager
 def on_scheduler_of(arguments: Namespace) -> Iterator[int | None]:
-    """Use the scheduler of the option `--scheduler` in a block, and yield `n_jobs` for `run_jobs`.
+    """Use the scheduler of the option `--scheduler`, and yield the argument `n_jobs` of `run_jobs`.
+
+    The scheduler is used until the context ends.
 
     Workers of the cluster that run another version of the program are not used, and are reported on
     stderr. Raises `UserError` if the options cannot be used together, and `SchedulerError` if the
@@ -115,7 +123,7 @@ def refuse(arguments: Namespace, why: str, *names: str) -> None:
 
 
 def check_positive(arguments: Namespace, *names: str) -> None:
-    """Raise `UserError` unless the numbers of the options are finite and above 0."""
+    """Raise `UserError` if an option was given with a number that is not finite and above 0."""
     for name in names:
         given = getattr(arguments, name)
         for value in given if isinstance(given, list) else [given]:

@@ -26,11 +26,12 @@ _PROCESS_PATIENCE = 5.0  # maximum time in s to wait until a process ends, befor
 
 @contextmanager
 def spinning(namespace: str = '', enclave: str = '') -> Iterator[Spinner]:
-    """Run ROS and a spinner during a block. Nodes that the block creates are in `namespace`.
+    """Yield a spinner. ROS and the spinner run until the context ends.
 
-    With ROS security, the process uses the enclave `enclave` of this namespace. Ctrl-C raises
-    KeyboardInterrupt in the block, so that the block can finish its work while the nodes still
-    exist. The nodes log only warnings and errors, because a command shows its own results.
+    The nodes of this process are in `namespace`. With ROS security, the process uses the enclave
+    `enclave` of this namespace. Ctrl-C raises KeyboardInterrupt within the context, so that the
+    caller can finish its work while the nodes still exist. The nodes log only warnings and errors,
+    because a command shows its own results.
     """
     arguments = [*ros_arguments(namespace), '--ros-args', '--log-level', 'warn']
     if enclave:
@@ -44,14 +45,17 @@ def spinning(namespace: str = '', enclave: str = '') -> Iterator[Spinner]:
 
 
 def ros_arguments(namespace: str) -> list[str]:
-    """Return the ROS arguments that put nodes into a namespace."""
+    """Return the ROS arguments that put nodes into a namespace, or no arguments if it is empty."""
     return ['--ros-args', '-r', f'__ns:=/{namespace}'] if namespace else []
 
 
 def node_command(
     module: str, namespace: str = '', *parameter_files: Path, nodes: Sequence[str] = ()
 ) -> list[str]:
-    """Return the command that runs the `nodes` of a module with parameter files."""
+    """Return the command that runs the nodes of a module in a namespace with parameter files.
+
+    If `nodes` is empty, the module runs all its nodes.
+    """
     files = [word for file in parameter_files for word in ('--params-file', str(file))]
     # The enclave has the name of the node, or that of the module if the module runs several nodes.
     name = {path: node for node, path in NODES.items()}.get(module, module.rpartition('.')[2])
@@ -82,7 +86,7 @@ def asked_to_end() -> Iterator[list[int]]:
 def memory_file() -> Iterator[Path]:
     """Yield the path of an empty file in memory, which other processes can open.
 
-    The system removes the file when this process ends, even if the process is killed.
+    The file is removed when the context ends, and also if this process is killed.
     """
     number = os.memfd_create('checkweigher')
     try:
@@ -94,7 +98,7 @@ def memory_file() -> Iterator[Path]:
 def write_parameter_file(
     path: Path, parameters: Mapping[str, Mapping[str, object]], namespace: str = '**'
 ) -> None:
-    """Write a ROS parameter file. By default, it applies to nodes in any namespace.
+    """Write a ROS parameter file. By default, the file applies to nodes in any namespace.
 
     `parameters` contains the parameters by node and name. ROS groups the values of all files by the
     stated name of the node, such as ``/**/driver``, and applies the groups in the order of their
@@ -124,7 +128,11 @@ def start_process(words: Sequence[str]) -> Process:
 
 @contextmanager
 def running_processes(commands: Mapping[str, Sequence[str]]) -> Iterator[dict[str, Process]]:
-    """Run commands during a block. At its end, the processes get SIGTERM in the same order."""
+    """Run commands until the context ends, and yield their processes by name.
+
+    When the context ends, the processes get SIGTERM in the order of `commands`. A process that does
+    not end within 5 s is killed.
+    """
     started: dict[str, Process] = {}
     try:
         for name, words in commands.items():

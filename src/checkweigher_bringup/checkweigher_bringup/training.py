@@ -48,7 +48,10 @@ class BagPasses:
 
 @dataclass(frozen=True, slots=True)
 class ReadPasses:
-    """Passes of known mass in several bags, a text on each bag, and the number of skipped bags."""
+    """Passes of known mass in several bags.
+
+    `lines` contains a text on each bag that was read, and `broken` is the number of skipped bags.
+    """
 
     passes: list[KnownPass]
     lines: list[str]
@@ -157,7 +160,9 @@ def train(
     and compared with each other and with `base` on held-out passes. The file then contains only the
     best one, which may be the estimator of `base` without tuning. `budget` is the largest number of
     evaluations of each estimator at each speed. `n_jobs` is the number of processes, as in
-    `run_jobs`. Returns the number of bags that were skipped.
+    `run_jobs`. The accuracies are printed. Returns the number of bags that were skipped.
+
+    Raises the exceptions of `read_passes`, and `OutputError` if the file cannot be written.
     """
     before = base
     as_untrained = base.segmenter if estimators is None else None

@@ -63,7 +63,10 @@ class Share:
 
 @dataclass(frozen=True, slots=True)
 class LineDescription:
-    """Addresses of the hosts by name, and the shares of the hosts in each lane."""
+    """Addresses of the hosts by name, the shares of each lane by host, and the kind of discovery.
+
+    `discovery` is `HOSTS`, `SUBNET`, or the name of the host with the discovery server.
+    """
 
     hosts: Mapping[str, str]
     lanes: tuple[Mapping[str, Share], ...]

@@ -12,8 +12,8 @@ import time
 from checkweigher_bringup.spinning import Process, end_process, start_process
 from checkweigher_core.parent_process import CANNOT_START
 
-# Delay in s before a restart. It doubles, up to the longest delay, while the process keeps ending
-# within `STABLE` s.
+# Delay in s before a restart. The delay doubles, up to the longest delay, while the process keeps
+# ending within `STABLE` s.
 DELAY, LONGEST_DELAY = 1.0, 10.0
 STABLE = 5.0  # time in s after which a process is considered to work
 SILENCE = 5.0  # time in s without diagnostics after which a process is killed
@@ -46,7 +46,10 @@ class SupervisedProcess:
         self.renew()
 
     def renew(self) -> None:
-        """Reset the state of this object, so that the next call of `look` starts the process."""
+        """Reset the state of this object, so that the next call of `look` starts the process.
+
+        The process must have ended.
+        """
         self._child: Process | None = None
         self._reason = ''  # reason of the latest end
         self._delay = DELAY
@@ -59,7 +62,10 @@ class SupervisedProcess:
             self._has_worked, self._awaited = True, now + SILENCE
 
     def look(self, now: float) -> bool:
-        """Start or kill the process if necessary; return false if it will not be started again."""
+        """Start or kill the process if necessary.
+
+        Returns False if the process has ended and will not be started again, otherwise True.
+        """
         if self._child is not None:
             status = self._child.poll()
             if status is not None:

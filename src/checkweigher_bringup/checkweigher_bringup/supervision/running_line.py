@@ -62,7 +62,7 @@ def run_line(
     folder: MachineFolder | None = None,
     gateways: Path | None = None,
 ) -> int:
-    """Run the line until SIGINT, SIGTERM or SIGHUP, and return the exit status.
+    """Run the line until SIGINT, SIGTERM or SIGHUP, and return the exit status of `_supervise`.
 
     The parameters `driver` override the file `params`. With `apart`, each node has its own process.
     `page` contains the options of the page, or is None if the page is not served. With a `folder`,
@@ -110,7 +110,10 @@ def run_line(
 
 
 def run_host(line: LineDescription, host: str) -> int:
-    """Run the nodes of a host until SIGINT, SIGTERM or SIGHUP, and return the exit status."""
+    """Run the nodes of a host until SIGINT, SIGTERM or SIGHUP, and return the exit status.
+
+    The exit status is that of `_supervise`. Raises `SettingsError` if the host is unknown.
+    """
     shares = line.shares(host)
     os.environ.update(line.environment())
     with ExitStack() as stack, asked_to_end() as asked, spinning(enclave=RUN) as spinner:
@@ -175,7 +178,7 @@ def _parameter_files(
 
 
 def _processes(commands: Mapping[str, Command]) -> dict[str, SupervisedProcess]:
-    """Return a process for each command."""
+    """Return a supervised process for each command by name. The processes are not started yet."""
     return {
         name: SupervisedProcess(
             name, command, reports=name not in _SILENT, kept=name in _NOT_NEEDED or not supervises()
@@ -194,7 +197,7 @@ def _page_commands(
 
 
 def _gateway_commands(file: Path | None, namespace: str) -> dict[str, Command]:
-    """Return a command for each section of a gateway settings file."""
+    """Return a command for each section of a gateway settings file, or none without a file."""
     lane = ['--settings', str(file), '--namespace', namespace]
     kinds = [] if file is None else read_gateways(file).kinds
     return {f'gateway_{kind}': partial(list, [*_GATEWAY_COMMAND, kind, *lane]) for kind in kinds}
@@ -214,7 +217,8 @@ def _supervise(
     """Keep processes running, and call `meanwhile` repeatedly, until a signal arrives.
 
     The function also returns if a process of the line cannot start or, under systemd, has ended.
-    Returns the exit status.
+    Before the function returns, it ends all processes. Returns the exit status of the command: 128
+    plus the number of the first signal, or `CANNOT_START` if no signal has arrived.
     """
     try:
         while not asked:

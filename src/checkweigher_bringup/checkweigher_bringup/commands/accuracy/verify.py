@@ -44,7 +44,10 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the procedure and write its report. Return 0 if everything passed, otherwise 1."""
+    """Run the procedure and write its report. Return 0 if everything passed, otherwise 1.
+
+    With `--example` or `--steps`, print an example of a plan or the steps, and return 0.
+    """
     from checkweigher_validation.verification.plan import EXAMPLE
 
     if arguments.example:

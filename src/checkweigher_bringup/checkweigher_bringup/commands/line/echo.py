@@ -20,7 +20,7 @@ OPTIONS = (NAMESPACE, ('--count N', int, 'end after N verdicts'), DURATION)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print one line for each verdict until a signal interrupts the command."""
+    """Print one line for each verdict until a signal arrives, or an option ends the command."""
     from checkweigher_bringup.errors import warn
     from checkweigher_bringup.listening import EchoNode
     from checkweigher_bringup.output import ItemTable

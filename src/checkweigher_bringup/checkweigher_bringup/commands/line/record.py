@@ -23,7 +23,7 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Record until a signal interrupts the command, and then complete the bag."""
+    """Record until a signal arrives, or an option ends the recording, and then complete the bag."""
     from checkweigher_bringup.recorder import ReferencePasses, record
     from checkweigher_bringup.settings import check_namespace, check_positive
     from checkweigher_core.records import GRAMS

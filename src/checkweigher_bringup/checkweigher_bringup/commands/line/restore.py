@@ -18,7 +18,10 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Restore the folder. Return 1 if the chain of its audit log is broken, otherwise 0."""
+    """Restore the folder, and write an entry to its audit log, if it contains one.
+
+    Returns 1, and writes no entry, if the chain of the audit log is broken, otherwise 0.
+    """
     from getpass import getuser
     import time
 

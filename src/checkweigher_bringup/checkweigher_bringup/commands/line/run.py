@@ -47,7 +47,10 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the line until a signal interrupts the command. Return 2 if the line cannot start."""
+    """Run the line until a signal arrives, and return 128 plus the number of the signal.
+
+    Returns 2 if the line cannot start.
+    """
     if arguments.line is not None or arguments.host is not None:
         return _run_host(arguments)
     from checkweigher_bringup.commissioning.machine_folder import MachineFolder

@@ -39,7 +39,7 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print tables until a signal interrupts the command.
+    """Print tables until a signal arrives, or an option ends the command.
 
     Returns 1 if a node has an error or is silent, otherwise 0.
     """
@@ -106,7 +106,7 @@ def _print(rows: 'list[Row]', arguments: argparse.Namespace, *, heard: bool) -> 
 
 
 def lane_table(rows: 'Iterable[Row]', width: int) -> Iterator[str]:
-    """Yield the lines of a table with one row for each lane, as in `table`."""
+    """Yield the lines of a table with one row for each lane. `width` is as in `table`."""
     from checkweigher_core.ros.status_board import by_lane
 
     lanes = by_lane(rows)
@@ -143,7 +143,10 @@ def table(rows: 'Iterable[Row]', width: int, *, values: bool) -> Iterator[str]:
 
 
 def _wrapped(message: str, room: int) -> list[str]:
-    """Return the lines of a message, `room` columns wide. The hint begins on a new line."""
+    """Return the lines of a message, at most `room` columns wide.
+
+    The text after the first semicolon is the hint, which begins on a new line.
+    """
     text, _, hint = message.partition('; ')
     lines = textwrap.wrap(text, room) or ['']
     return lines + textwrap.wrap('-> ' + hint, room, subsequent_indent='   ') if hint else lines

@@ -59,7 +59,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _password(name: str) -> str:
-    """Return a password that is typed twice, or the first line of an input from a file or pipe."""
+    """Return a password that is typed twice, or the first line of an input from a file or pipe.
+
+    Raises `UserError` if the two typed passwords differ.
+    """
     if not sys.stdin.isatty():
         return sys.stdin.readline().rstrip('\r\n')
     password = getpass(f'Password of {name}: ')

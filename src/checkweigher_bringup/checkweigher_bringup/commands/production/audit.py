@@ -43,7 +43,11 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the changes. Return 1 if the chain is broken or contradicts the seals, otherwise 0."""
+    """Print the changes in a log or, with `--all`, the faults in the folder of a machine.
+
+    Returns 1 if there is a fault, such as a broken chain or a contradiction to the seals, otherwise
+    0.
+    """
     if (arguments.log is None) == (arguments.all is None):
         raise UserError('give a LOG, or --all FOLDER')
     if arguments.all is not None:

@@ -34,7 +34,10 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Check the password and the document, and write the signature to the audit log."""
+    """Check the password and the document, and write the signature to the audit log.
+
+    If the password is wrong, the refusal is written to the audit log.
+    """
     from checkweigher_bringup.commands.production import write_claim
     from checkweigher_core.changes import PERSON, SIGNATURE
     from checkweigher_validation.batch.signing import SigningError
@@ -59,7 +62,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _found(arguments: argparse.Namespace) -> tuple[Path, Callable[[], 'Signable']]:
-    """Return the audit log, and a function that reads the document to be signed."""
+    """Return the audit log, and a function that reads the document to be signed.
+
+    Raises `UserError` if the log has no entry on the document.
+    """
     from functools import partial
 
     from checkweigher_core.changes import VERIFICATION
@@ -85,7 +91,10 @@ def _found(arguments: argparse.Namespace) -> tuple[Path, Callable[[], 'Signable'
 def _login(path: Path, name: str, meaning: str) -> tuple['User', str]:
     """Return the user who signs, and the password that was typed.
 
-    Raises `UserError` if there is no such user, or if the role of the user does not allow it.
+    The password is not checked here.
+
+    Raises `UserError` if there is no such user, or if the role of the user does not allow the
+    signature.
     """
     from getpass import getpass
     import sys

@@ -23,9 +23,10 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the sample, write it to the audit log, and write its mean into the recipe if accepted.
+    """Print the sample, and write it to the audit log.
 
-    Returns 1 if the mean must not be used as the tare, otherwise 0.
+    With `--accept`, its mean is written into the recipe as the tare, unless the mean must not be
+    used. Returns 1 if the mean must not be used as the tare, otherwise 0.
     """
     from checkweigher_bringup.commands.production import write_claim
     from checkweigher_core.changes import TARE

@@ -21,7 +21,7 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write the bag of the item, and print the result of weighing it."""
+    """Write the item into a new bag, and print the result of weighing that bag."""
     from checkweigher_bringup.errors import UserError
     from checkweigher_bringup.output import ItemTable, read_with_warning
     from checkweigher_bringup.settings import line_parameters

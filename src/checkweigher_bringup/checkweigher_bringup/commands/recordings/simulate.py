@@ -52,7 +52,7 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Simulate a line, and write its samples and edges to a bag."""
+    """Simulate a line, and write its samples, its edges and the true masses to a bag."""
     from checkweigher_bringup.settings import recipe_of
     from checkweigher_recording.bags.writing import write_bag
     from checkweigher_recording.progress import with_progress
