@@ -81,7 +81,7 @@ class ItemTable:
         return result
 
     def close(self) -> None:
-        """Print the summary, unless the header was not printed because no item was shown."""
+        """Print the summary if the header of the table was printed."""
         if self._origin is not None:
             self._print(summary(self._decisions, self._errors))
 

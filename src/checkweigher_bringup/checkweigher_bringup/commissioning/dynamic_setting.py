@@ -370,11 +370,14 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
 
 
 def _tell_nobody(**_: object) -> None:
-    """Publish no feedback, because a service has none."""
+    """Ignore the feedback, because a service cannot publish it."""
 
 
 async def _success(ended: Future) -> str:
-    """Return the text of a child process, or raise `UserError` if the process has failed."""
+    """Wait for the result of a child process, and return its text.
+
+    Raises `UserError` with this text if the process has failed.
+    """
     succeeded, text = await ended
     if not succeeded:
         raise UserError(text)

@@ -51,7 +51,10 @@ class Share:
 
     @property
     def parameters(self) -> dict[str, Mapping[str, object]]:
-        """Parameters by node. With recipes, items are a FAULT until a product is selected."""
+        """Parameters by node and name.
+
+        With recipes, each item gets the decision FAULT until a product is selected.
+        """
         needs = {'needs_product': True} if 'recipes' in self.product else {}
         return {'product': self.product, 'reject': needs}
 

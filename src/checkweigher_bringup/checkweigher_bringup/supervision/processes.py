@@ -91,12 +91,12 @@ class SupervisedProcess:
             say(f'{self._name}: {self._reason}')
 
     def terminate(self) -> None:
-        """Send SIGTERM to the process."""
+        """Send SIGTERM to the process if it runs."""
         if self._child is not None:
             self._child.terminate()
 
     def wait(self) -> None:
-        """Wait until the process has ended, and kill it if it does not end in time."""
+        """Wait until the process has ended. If it does not end within 5 s, kill it."""
         if self._child is not None and not end_process(self._child):
             say(f'{self._name}: did not end in time; killed')
 

@@ -128,9 +128,9 @@ class MachineSignal:
         self._crept = np.zeros(1)
 
     def seen(self, entry: Pass) -> Pass:
-        """Return the pass with the times that the photo-eyes report instead of the true times.
+        """Return a copy of the pass, with the times that the photo-eyes report.
 
-        The times are not changed if the eyes have no errors.
+        If the machine has no errors of the photo-eyes, the pass is returned unchanged.
         """
         eyes = self._machine.eyes
         if eyes is None:

@@ -406,7 +406,7 @@ class _ProfileSignal:
         self._floor = FloorNoise(1 / step, floor)
 
     def seen(self, entry: Pass) -> Pass:
-        """Return a pass with the times that the photo-eyes report, which are exact here."""
+        """Return the pass unchanged, because these photo-eyes report the exact times."""
         return entry
 
     def reading(self, time: Array, travel: Array) -> Array:
