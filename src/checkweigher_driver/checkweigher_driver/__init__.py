@@ -1,3 +1,3 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Driver of a checkweigher: sources of samples and photo-eye edges, outputs and inputs."""
+"""Driver of a checkweigher: sources of samples and edges, and outputs and inputs of the machine."""

@@ -15,7 +15,8 @@ from checkweigher_driver.sources import EdgeSource, Source
 from checkweigher_driver.sources.machine import MachineSource
 
 # Classes of the sources by name. A class is imported on request, so that a machine needs only the
-# packages of its own devices. package.xml does not name the packages that apt does not provide.
+# packages of its own devices. package.xml names only packages that apt provides, because bloom
+# could otherwise not release this package.
 SOURCES = {
     'simulator': 'checkweigher_driver.sources.simulator:SimulatorSource',
     'bag': 'checkweigher_driver.sources.bag:BagSource',
@@ -46,7 +47,7 @@ ReadParameters = Callable[[type[Parameters]], Any]
 
 @dataclass(frozen=True)
 class DriverParameters(Parameters):
-    """Parameters of the driver: its devices, and the pace of a recorded or simulated source."""
+    """Parameters of the driver, such as devices and the pace of a recorded or simulated source."""
 
     node: ClassVar[str] = 'driver'
 
@@ -111,8 +112,8 @@ def source_class(name: str) -> type[Source]:
 def eyes_class(name: str) -> type[EdgeSource]:
     """Return a class of `EYES` by its name.
 
-    Raises `ParameterError` if the name is unknown, or if a package that the class needs is not
-    installed.
+    Raises `ParameterError` if the name is unknown or `NONE`, or if a package that the class needs
+    is not installed.
     """
     return cast(type[EdgeSource], _find('eyes', name, EYES))
 
@@ -131,9 +132,11 @@ def _find(parameter_name: str, name: str, registry: dict[str, str]) -> Any:
 def source_maker(name: str, eyes: str, read: ReadParameters) -> Callable[[], Source]:
     """Return a function that opens a source of samples together with its photo-eyes.
 
-    The returned function raises ValueError if a device cannot be opened; the message is one line
-    for a technician. `source_maker` itself raises ParameterError if `eyes` are given for a source
-    with its own photo-eyes, or if a parameter is invalid.
+    `name` is a key of `SOURCES`, and `eyes` is a key of `EYES`. If `eyes` is `NONE`, no separate
+    photo-eyes are opened. The returned function raises ValueError if a device cannot be opened; the
+    message is one line for a technician. `source_maker` itself raises ParameterError if a name is
+    unknown, if a package that a device needs is not installed, if a parameter is invalid, or if
+    `eyes` is not `NONE` for a source with its own photo-eyes.
     """
     make_source = source_class(name)
     parameters = read(make_source.parameters)
@@ -158,7 +161,11 @@ def source_maker(name: str, eyes: str, read: ReadParameters) -> Callable[[], Sou
 
 
 def make_outputs(name: str, read: ReadParameters) -> MachineOutputs:
-    """Return the outputs of a machine. Raises `ParameterError` if a parameter is invalid."""
+    """Return the outputs of a machine, without a device if `name` is `NONE`.
+
+    Raises `ParameterError` if the name is unknown, if a package that the device needs is not
+    installed, or if a parameter is invalid.
+    """
     if name == NONE:
         return MachineOutputs(None, OutputParameters())
     kind = _find('outputs', name, OUTPUTS)
@@ -166,7 +173,11 @@ def make_outputs(name: str, read: ReadParameters) -> MachineOutputs:
 
 
 def make_inputs(name: str, read: ReadParameters) -> MachineInputs:
-    """Return the inputs of a machine. Raises `ParameterError` if a parameter is invalid."""
+    """Return the inputs of a machine, without a device if `name` is `NONE`.
+
+    Raises `ParameterError` if the name is unknown, if a package that the device needs is not
+    installed, or if a parameter is invalid.
+    """
     if name == NONE:
         return MachineInputs(None)
     kind = _find('inputs', name, INPUTS)

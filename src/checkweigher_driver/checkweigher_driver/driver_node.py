@@ -90,9 +90,13 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         self.begin()
 
     def configure(self) -> None:
-        """Open the source, the outputs and the inputs."""
+        """Open the source, the outputs and the inputs.
+
+        Raises `ParameterError` if the calibration file is invalid, if the source cannot be opened,
+        or if the file with the state of the belt cannot be used.
+        """
         try:
-            self._calibration.read()  # report an invalid file before a device is opened
+            self._calibration.read()  # report an invalid calibration before a device is opened
             self._source = self._make_source()
         except ParameterError:
             raise
@@ -129,7 +133,11 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             self._source.operate(self._operation)
 
     def activate(self) -> None:
-        """Begin a new stream."""
+        """Begin a new stream with the calibration in the file, and activate the outputs.
+
+        A source that the last deactivation has closed is opened again. Raises `ParameterError` if
+        the calibration file is invalid, or if the source cannot be opened.
+        """
         if self._source is None:  # the last deactivation has closed a source whose reads block
             self.configure()
         assert self._source is not None
@@ -143,7 +151,11 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         self.stream.begin(self._source)
 
     def deactivate(self) -> None:
-        """End the stream, and make the outputs safe. Items on the belt get the decision FAULT."""
+        """Make the outputs safe, and end the calibration session and the stream.
+
+        Items on the belt get the decision FAULT, and are reported as missed, which stops the line
+        until a person has looked for them.
+        """
         self._outputs.safe()
         self._calibration.end()
         self._look_timer.cancel()
@@ -163,7 +175,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             self._source = None
 
     def final_outputs(self) -> list[Output]:
-        """Return the output that reports the end of the stream."""
+        """Return the output of the driver status, which reports the end of the stream."""
         return [self.stream.status]
 
     def destroy_node(self) -> None:
@@ -174,7 +186,10 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         super().destroy_node()
 
     def _stop_reading(self) -> bool:
-        """End the stream; return whether it was still running."""
+        """End the stream; return whether it was still running.
+
+        A source whose reads block is also closed, because its last read would otherwise not end.
+        """
         blocks = self._source is not None and not self._source.paced
         return self.stream.end(self._close_source if blocks else None)
 
@@ -200,7 +215,10 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             self._conditions.send(event)
 
     def _machine_trouble(self) -> str:
-        """Return the present fault of source or inputs, or ''. Any thread may call this."""
+        """Return the present fault of the stream, the source or the inputs, or '' without a fault.
+
+        The result is also '' while no source is open. Any thread may call this.
+        """
         source = self._source
         if source is None:
             return ''
@@ -213,7 +231,10 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         return self._outputs.reset() or 'nothing was missed'
 
     def _restart_stream(self) -> str:
-        """Begin a new stream with a new calibration; return the reason of a failure, or ''."""
+        """Deactivate and activate the node, which applies a new calibration file to a new stream.
+
+        Returns the reason if the node is not active afterwards, otherwise ''.
+        """
         self.trigger_deactivate()
         self.trigger_activate()
         return '' if self.state == 'active' else self._failure

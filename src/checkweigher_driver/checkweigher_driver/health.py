@@ -13,8 +13,9 @@ from checkweigher_core.records import EyeEdge, LoadCell, SampleBlock
 class DriverWatch:
     """Monitor of the source `name` and of its stream.
 
-    Times are in s on a monotonic clock. Callers hold the lock of the process. `waits_for` is the
-    condition for which the source waits, or an empty string.
+    Times are in s on a monotonic clock. Callers hold the lock of the process. The caller sets
+    `waits_for` to the condition for which the source is held back. The next event resets it to an
+    empty string.
     """
 
     def __init__(self, name: str) -> None:
@@ -25,14 +26,14 @@ class DriverWatch:
         self._change('inactive')
 
     def begin(self, load_cell: LoadCell, now: float) -> None:
-        """Begin a new stream of `load_cell` at time `now`."""
+        """Begin to monitor a new stream of `load_cell` at time `now`."""
         self._began = now
         self._samples = SampleWatch(load_cell)
         self._eyes = EyeWatch()
         self._change('running')
 
     def stop(self) -> None:
-        """End the stream, because the driver was deactivated."""
+        """Record that the driver was deactivated, which has ended the stream."""
         self._samples = None
         self._change('inactive')
 
@@ -47,7 +48,10 @@ class DriverWatch:
             self._eyes.add(now, event)
 
     def end(self, failure: str | None = None) -> None:
-        """Record the end of the source. `failure` is the message of an error, if any."""
+        """Record the end of the source.
+
+        `failure` is the message of the error that ended the source, or None without an error.
+        """
         self._change('finished' if failure is None else 'failed', failure or '')
 
     def _change(self, state: str, failure: str = '') -> None:
@@ -56,10 +60,11 @@ class DriverWatch:
     def findings(
         self, now: float, offset_of_clocks: float, trouble: str, figures: Mapping[str, float]
     ) -> list[Finding]:
-        """Return the findings at time `now`.
+        """Return the findings on source, samples, clock and photo-eyes at time `now`.
 
-        `offset_of_clocks` is the Unix time minus `now` in s. `trouble` is the present fault of the
-        source, and `figures` contains values of the source for the diagnostics, by name.
+        While the driver is inactive, only the finding on the source is returned. `offset_of_clocks`
+        is the Unix time minus `now` in s. `trouble` is the present fault of the source, or empty.
+        `figures` contains values of the source for the diagnostics, by name.
         """
         source = self._source(trouble, figures)
         if self._samples is None:

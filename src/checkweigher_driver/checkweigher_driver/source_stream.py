@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Publication of the stream of a source, with flow control by the other nodes."""
+"""Publication of the events of a source, which can wait while other nodes lag behind."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -28,13 +28,13 @@ from checkweigher_driver.sources import Source
 # visible in the ROS graph may not be connected yet, and would get the first status only with the
 # next DDS heartbeat after 3 s. Until then the subscriber would assign items to the previous stream.
 _REPEATS = (0.2, 0.5, 1.0)
-# Longest wait in s for the other nodes.
+# Longest wait in s for nodes that may be missing, and for edges that the segmenter may have missed.
 _PATIENCE = 5.0
 # Longest wait in s for the last read of a source.
 _END_PATIENCE = 2.0
 # Period in s with which a waiting thread checks its condition, because not all changes wake it.
 _PERIOD = 0.02
-_REMINDER = 5.0  # time in s between warnings
+_REMINDER = 5.0  # time in s until the first warning about a wait, and between two warnings
 
 
 class SourceStream:
@@ -42,8 +42,9 @@ class SourceStream:
 
     The thread holds the lock of the process while it sends an event, but not while it waits for
     events. `note` is called with each event before it is sent. `machine_ready` returns whether the
-    outputs of the machine can be switched. `failure` is the message of the error that ended the
-    latest stream, if any. The caller sets `reject_ready` while the reject node is active.
+    outputs of the machine, if any, can be switched. `failure` is the message of the error that
+    ended the latest stream, or an empty string. The caller sets `reject_ready` to true while the
+    reject node is active, otherwise to false.
     """
 
     def __init__(
@@ -82,7 +83,7 @@ class SourceStream:
         self._repeats: list[float] = []  # times in s at which the status is repeated
 
     def begin(self, source: Source) -> None:
-        """Begin a new stream."""
+        """Begin a new stream of the events of `source`, in a new thread."""
         with LOCK:
             self._announce(time.time_ns())  # the time serves as a unique number of the stream
             self._running = True
@@ -92,7 +93,8 @@ class SourceStream:
         """End the stream; return whether it was still running.
 
         `close` is a function that closes the source. It is given if a read of the source may block,
-        because the read would otherwise not end.
+        because the read would otherwise not end. The method waits for the end of the thread. If the
+        thread has not ended after 2 s, a warning is logged, and the method returns.
         """
         was_running = self._running
         with self._changed:
@@ -128,7 +130,10 @@ class SourceStream:
                 self._node.warn(trouble)
 
     def on_segmenter_status(self, status: StreamStatus) -> None:
-        """Update the flow control with the progress that the segmenter reports."""
+        """Update the flow control with the progress that the segmenter reports.
+
+        Progress in an earlier stream is ignored.
+        """
         with self._changed:
             if status.stream != self._progress.stream:
                 return
@@ -146,7 +151,10 @@ class SourceStream:
             self._changed.notify_all()
 
     def _run(self, source: Source) -> None:
-        """Send events until the source ends, and report its end or failure."""
+        """Send events until the source ends, and report its end or failure.
+
+        If `end` was called, nothing is reported.
+        """
         failure: str | None = None
         try:
             self._send_all(source)
@@ -154,7 +162,7 @@ class SourceStream:
             failure = str(error)
         with self._changed:
             if not self._stopping:
-                # Because of this report, the items on the belt get the decision FAULT.
+                # Items on the belt get the decision FAULT when the other nodes get the report.
                 self._watch.end(failure)
                 if failure is None:
                     self.report(StreamState.FINISHED)
@@ -219,7 +227,10 @@ class SourceStream:
             self._references.send(event)
 
     def _line_has_come_so_far(self, event: Event, rate: float) -> bool:
-        """Wait until the line can process an event; return False if the stream ends."""
+        """Wait until the flow control allows an event to be sent.
+
+        Returns False if `end` was called in the meantime, otherwise True.
+        """
         flow = self._flow
 
         def ask(waited: float) -> None:
@@ -235,11 +246,12 @@ class SourceStream:
         )
 
     def _line_is_there(self, *, lossless: bool) -> bool:
-        """Wait for the nodes that receive the stream; return False if the stream ends.
+        """Wait for the nodes that receive the stream.
 
         A lossless stream waits without a time limit for the segmenter and the `listeners`. All
-        other waits have a time limit, because a device does not wait, and a graph may have no
-        reject node.
+        other waits end after 5 s with a warning, because a device does not wait, and a graph may
+        have no reject node. Returns False if `end` was called in the meantime, otherwise True, also
+        if nodes are still missing.
         """
         wanted = self._parameters.listeners
         what = f'a segmenter and {wanted} other listeners' if wanted else 'a segmenter'
@@ -251,7 +263,7 @@ class SourceStream:
         return ready
 
     def _missing(self) -> list[str]:
-        """Return the parts of the line that are not ready yet."""
+        """Return the names of the parts of the line that are not ready yet."""
         outputs = self._load_cell, self._samples, self._eyes, self._references, self.status
         there = {
             'a segmenter': self.has_listeners,
@@ -272,7 +284,11 @@ class SourceStream:
         )
 
     def has_listeners(self, others: int = 0) -> bool:
-        """Return whether the segmenter and a number of other subscribers are connected."""
+        """Return whether the segmenter and at least `others` other subscribers are connected.
+
+        The segmenter counts as connected when it has reported its progress in this stream. The
+        other subscribers are those of the topic of the samples.
+        """
         return (
             self._answered
             and self._samples.count() > others
@@ -289,9 +305,10 @@ class SourceStream:
     ) -> bool:
         """Wait until a condition holds, for at most `patience` s.
 
-        Returns False if the stream ends, otherwise True, also if the condition does not hold yet.
-        `what` is the name of the condition. Unless it is empty, a warning with this name is logged
-        every 5 s. After each failed check, `ask` is called with the waiting time in s so far.
+        Returns False if `end` was called in the meantime, otherwise True, also if the condition
+        does not hold yet. `what` is the name of the condition. Unless it is empty, a warning with
+        this name is logged every 5 s. After each failed check, `ask` is called with the waiting
+        time in s so far.
         """
         began = reminded = time.monotonic()
         with self._changed:
