@@ -18,7 +18,7 @@ _SWITCH_INTERVAL = 0.0005  # longest thread switch interval in s
 
 
 def shorten_switch_interval() -> None:
-    """Shorten the thread switch interval of the interpreter.
+    """Shorten the thread switch interval of the interpreter to at most 0.5 ms.
 
     With the default interval, threads that time photo-eyes or switch the rejector would wait too
     long for the global interpreter lock.
@@ -61,17 +61,21 @@ class Source(Device):
     # Whether the caller has to wait until each event is due. For hardware this is false, because
     # its iterator blocks until an event occurs.
     paced: ClassVar[bool]
-    # Settings that the operator of a simulated machine may change while it runs.
+    # Class of the settings that the operator of a simulated machine may change while the machine
+    # runs, or None without such settings.
     operation: ClassVar[type[Parameters] | None] = None
     load_cell: LoadCell
-    start_stamp: int  # stamp in ns of the first event, or time in ns at which the device was opened
+    # Stamp in ns of the start of the next stream: the stamp of the first event of a recording, the
+    # time at which a device was opened, or the earliest start of a simulation.
+    start_stamp: int
 
     @abstractmethod
     def __iter__(self) -> Iterator[Event]:
         """Yield events in canonical order until the stream ends.
 
-        With hardware, an edge may be yielded before a block of earlier samples, which is yielded
-        when it is complete.
+        The canonical order is that of `checkweigher_core.recording.canonical_order`. With hardware,
+        an edge may be yielded before a block of earlier samples, which is yielded when it is
+        complete.
         """
 
     def operate(self, operation: Any) -> None:
@@ -80,7 +84,7 @@ class Source(Device):
 
 @dataclass(frozen=True, slots=True)
 class EyesLost:
-    """Loss of the photo-eyes, which were last read at `stamp` in ns. `text` is the reason."""
+    """Loss of the photo-eyes after they were last read at `stamp` in ns. `text` is the reason."""
 
     stamp: int
     text: str
@@ -108,7 +112,11 @@ class EdgeSource(Device):
 
     @abstractmethod
     def events(self) -> Iterator[EyeEvent]:
-        """Yield edges, and the start and end of each loss of the eyes, with sample-clock stamps."""
+        """Yield edges, and the start and end of each loss of the eyes, until `close` is called.
+
+        The stamps are on the same clock as those of the samples. Edges that `follow` returns are
+        not yielded. An exception ends the source that uses the eyes.
+        """
 
     def follow(self, block: SampleBlock) -> list[EyeEdge]:
         """Return the edges before the end of a block, if the edges were recorded with the samples.

@@ -67,10 +67,11 @@ class ReplayedParameters(BagParameters):
 
 
 class ReplayedEyes(EdgeSource):
-    """Edges of a bag for a device that sends the samples of the same bag.
+    """Photo-eyes that replay the edges of a bag while a device sends the samples of the same bag.
 
-    A load cell on a serial port can thus be tested without photo-eyes. Each edge is sent between
-    the same samples as in the bag. The device must begin with the first sample of the bag.
+    A load cell on a serial port can thus be tested without photo-eyes. The stamp of each edge lies
+    between the stamps of the same two samples as in the bag. The device must begin with the first
+    sample of the bag.
     """
 
     parameters = ReplayedParameters

@@ -23,9 +23,10 @@ _END_PATIENCE = 2.0  # longest wait in s for the end of a thread
 class MachineSource(Source):
     """Samples of one device and edges of another device, in the order of their arrival.
 
-    Each device is read in its own thread. Both devices must use the same clock. While the
-    photo-eyes cannot be read, samples are withheld, so that an item on the belt gets the decision
-    FAULT.
+    Each device is read in its own thread. The stamps of both devices must be on the same clock.
+    Blocks of samples are discarded while the photo-eyes cannot be read, so that an item on the belt
+    gets the decision FAULT. At least one block is discarded after each loss of the photo-eyes, even
+    if they can be read again before the block arrives.
     """
 
     paced = False
@@ -36,13 +37,18 @@ class MachineSource(Source):
         self._queue: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._closed = False
         self._blind = ''  # reason why the photo-eyes cannot be read, empty if they can be read
-        self._gap = False  # whether the next block must be withheld because the eyes were lost
+        self._gap = False  # whether the next block must be discarded because the eyes were lost
         self._withheld = 0
         self.load_cell = samples.load_cell
         self.start_stamp = samples.start_stamp
 
     def __iter__(self) -> Iterator[Event]:
-        """Yield events when they occur. If a device fails, its exception is raised here."""
+        """Yield events when they occur, until `close` is called.
+
+        If a device fails, its exception is raised here. If the iterator of a device ends before
+        `close` is called, RuntimeError is raised. Both devices are closed at the end of the
+        iteration.
+        """
         shorten_switch_interval()
         threads = [
             threading.Thread(target=self._read, args=(device, name), name=name, daemon=True)
@@ -98,7 +104,10 @@ class MachineSource(Source):
         return '; '.join(filter(None, (self._samples.trouble, self._blind or self._eyes.trouble)))
 
     def figures(self) -> dict[str, float]:
-        """Return the values of both devices for the diagnostics, by name."""
+        """Return the values of both devices for the diagnostics, by name.
+
+        ``samples withheld without eyes`` is the number of samples that were discarded.
+        """
         return {
             **self._samples.figures(),
             **self._eyes.figures(),

@@ -16,7 +16,7 @@ from checkweigher_driver.sources import Source
 from checkweigher_recording.simulation.operation import OperationParameters
 from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
 
-# Time in s from the request to kill the driver to the kill, so that the driver can answer.
+# Time in s from the request to kill the driver to the kill, so that the driver can answer it.
 _LAST_WORDS = 0.5
 
 
@@ -34,7 +34,10 @@ class LiveSimulationParameters(SimulationParameters):
 
 
 class SimulatorSource(Source):
-    """Simulated line. Each stream begins after the end of the previous stream."""
+    """Simulated line.
+
+    The stamps of each stream begin at least 1 s after the last stamp of the previous stream.
+    """
 
     parameters = LiveSimulationParameters
     operation = OperationParameters
@@ -57,7 +60,10 @@ class SimulatorSource(Source):
         return max(self.start_stamp, time.time_ns()) if self._now else self.start_stamp
 
     def operate(self, operation: OperationParameters) -> None:
-        """Apply the operator's settings."""
+        """Apply the operator's settings.
+
+        If the setting ``kill`` is true, the process of the driver is killed after 0.5 s.
+        """
         self._simulation.operation = operation
         if operation.kill:
             Timer(_LAST_WORDS, os.kill, (os.getpid(), signal.SIGKILL)).start()
