@@ -61,7 +61,10 @@ def _installed() -> list[Path]:
 
 
 def read_version(path: Path) -> int:
-    """Return the version of a calibration file. Raises CalibrationError for any other file."""
+    """Return the version of a calibration file.
+
+    Raises CalibrationError if the file is not a calibration file or cannot be read.
+    """
     try:
         with path.open(encoding='utf-8') as file:
             first = file.readline()
@@ -107,8 +110,10 @@ def write_version(
     """Write a calibration as the newest version of a file, and return the version number.
 
     The previous version is kept as ``NAME.vN.yaml``. Other parameters are copied from the file
-    `base` or, by default, from the previous version. Raises CalibrationError or OutputError if the
-    file cannot be written. An existing file is then left unchanged.
+    `base` or, by default, from the previous version, if there is one. `source` is the name of the
+    source whose parameters are set. Raises CalibrationError or OutputError if the file cannot be
+    written, and SettingsError if the copied parameters are invalid. An existing file is then left
+    unchanged.
     """
     check_calibration_file(path)
     old = read_version(path) if path.exists() else None
@@ -185,7 +190,10 @@ def _values_of(sections: Any, source: str) -> dict[str, object]:
 
 
 def calibrated_sources() -> list[str]:
-    """Return the names of the sources with calibration parameters. A bag has none."""
+    """Return the names of the sources with calibration parameters. A bag has none.
+
+    Raises ParameterError if a package that a source needs is not installed.
+    """
     return [name for name in SOURCES if _is_calibrated(name)]
 
 

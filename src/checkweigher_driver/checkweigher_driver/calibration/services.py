@@ -63,10 +63,12 @@ class CalibrationServices:
         self._edges: dict[int, EyeEdge] = {}  # latest edge of each photo-eye in the stream
         self._stamp = 0  # stamp of the latest block in ns
         self._session: CalibrationSession | None = None  # None while the driver is inactive
-        self._waiting: Future | None = None  # result of the call that waits for a reading
+        # Result of the call that waits for a reading, None if no call waits.
+        self._waiting: Future | None = None
         self._restart = restart
-        self._tell: Callable[..., None] | None = None  # publishes the feedback of the action
-        self._told: StaticReading | None = None
+        # Function that publishes the feedback of the action, None if a service reads the load.
+        self._tell: Callable[..., None] | None = None
+        self._told: StaticReading | None = None  # latest reading in the feedback of the action
         node.create_action(ReadLoad, ports.READ_LOAD, self._on_read, self._cancel_reading)
         # With a separate callback group, other callbacks run while a call waits for a reading.
         group = self._group = ReentrantCallbackGroup()
@@ -79,14 +81,19 @@ class CalibrationServices:
         node.create_service(Trigger, ports.CANCEL_CALIBRATION, self._on_cancel)
 
     def apply(self, load_cell: LoadCell) -> LoadCell:
-        """Return a load cell with the calibration in the file, or unchanged if there is no file."""
+        """Return a load cell with the calibration in the file.
+
+        The load cell is returned unchanged if there is no file, or if the source has no calibration
+        parameters. Raises ParameterError if the file is invalid.
+        """
         found = self.read() or (load_cell.counts_per_kg, load_cell.zero_counts)
         return replace(load_cell, counts_per_kg=found[0], zero_counts=found[1])
 
     def read(self) -> tuple[float, float] | None:
         """Return counts_per_kg and zero_counts of the calibration file, or None without a file.
 
-        Raises ParameterError if the file is invalid.
+        The result is also None if the source has no calibration parameters. Raises ParameterError
+        if the file is invalid.
         """
         path = self._parameters.path
         try:
@@ -100,12 +107,19 @@ class CalibrationServices:
         self._session = CalibrationSession(load_cell, self._parameters.steadiness)
 
     def end(self) -> None:
-        """End the calibration session at the end of a stream, and discard its points."""
+        """End the calibration session at the end of a stream, and discard its points.
+
+        A call that waits for a reading then fails.
+        """
         self._session = None
         self._refuse('the driver was deactivated: activate it and begin again')
 
     def add(self, event: SampleBlock | EyeEdge) -> None:
-        """Add an event of the stream to the reading. The caller holds the lock of the process."""
+        """Add an event of the stream to the present reading, if a call waits for a reading.
+
+        The call ends when the reading is complete, or with an error if the load cannot be read. The
+        caller holds the lock of the process.
+        """
         if isinstance(event, EyeEdge):
             self._edges[event.eye] = event
         else:
@@ -125,7 +139,10 @@ class CalibrationServices:
             waiting.set_result(found)
 
     def _publish_progress(self, cell: LoadCell, reading: RestReading | None) -> None:
-        """Publish the reading of the latest samples if it is new."""
+        """Publish a new reading of the latest samples as feedback of the action.
+
+        If a service reads the load, nothing is published.
+        """
         found = None if reading is None else reading.latest
         if self._tell is None or reading is None or found is None or found is self._told:
             return
@@ -249,7 +266,9 @@ class CalibrationServices:
     ) -> int:
         """Write the change to the audit log and then to the file, and return the file version.
 
-        Raises ValueError if the log or the file cannot be written.
+        Raises ValueError if the log or the file cannot be written, or if the stream was restarted
+        in the meantime. If the change was written to the log but not to the file, the previous
+        calibration is then also written to the log.
         """
         before = session.load_cell
         after = replace(before, counts_per_kg=found.counts_per_kg, zero_counts=found.zero_counts)

@@ -22,7 +22,8 @@ from checkweigher_driver.calibration.static_calibration import (
 )
 
 _QUIET = 2 * NANOSECONDS  # time in ns without an edge after which the belt counts as empty
-_LONGEST = 3600.0  # longest duration of a session in s, because the zero drifts
+# Longest time in s from the first reading to the fit, because the zero drifts.
+_LONGEST = 3600.0
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ class CalibrationParameters(Parameters):
 
     @property
     def path(self) -> Path | None:
-        """Path of the calibration file, or None if there is no such file."""
+        """Path of the calibration file, or None if the parameter `file` is empty."""
         return Path(self.file) if self.file else None
 
 
@@ -87,8 +88,9 @@ class CalibrationSession:
     def begin(self, mass: float, uncertainty: float, edges: Collection[EyeEdge]) -> None:
         """Begin to read a load with its mass and uncertainty in kg, both 0 for the empty belt.
 
-        `edges` contains the latest edge of each photo-eye. Raises CalibrationError if the load
-        cannot be read now.
+        `edges` contains the latest edge of each photo-eye. Raises CalibrationError if another load
+        is being read, if the mass or the uncertainty is invalid, or if the mass is 0 and an eye is
+        blocked.
         """
         if self.reading is not None:
             raise CalibrationError('a load is being read already; wait for the answer')
@@ -103,10 +105,11 @@ class CalibrationSession:
         self.reading = RestReading(self.load_cell, self._steadiness)
 
     def add(self, event: SampleBlock | EyeEdge, now: float) -> StaticReading | None:
-        """Add an event to the reading; return the reading if it is complete.
+        """Add an event to the reading; return the reading if it is complete, otherwise None.
 
-        `now` is the time in s on a monotonic clock. Raises CalibrationError if the load cannot be
-        read; no point is then added.
+        A complete reading becomes a point. The event is ignored if no load is being read. `now` is
+        the time in s on a monotonic clock. Raises CalibrationError if the event is an edge, or if
+        the reading fails. No point is then added, and the session is idle.
         """
         reading, self.reading = self.reading, None  # idle after an error
         if reading is None:
@@ -131,12 +134,15 @@ class CalibrationSession:
     ) -> StaticCalibration:
         """Return the calibration that fits the points.
 
+        If the only point is the empty belt, the sensitivity of the load cell is kept.
+
         `max_residual` is the largest valid residual in kg; if it is 0, all residuals are valid.
         `edges` contains the latest edge of each photo-eye. `stamp` is the stamp of the latest block
         in ns, and `now` is the time in s on the same monotonic clock as in `add`.
 
-        Raises CalibrationError if the points do not determine a calibration, or if a product may be
-        on the belt.
+        Raises CalibrationError if the points do not determine a calibration, if a residual is too
+        large, if the first point is more than an hour old, if a load is being read, or if a product
+        may be on the belt.
         """
         if self.reading is not None:
             raise CalibrationError('a load is being read; wait for the answer')

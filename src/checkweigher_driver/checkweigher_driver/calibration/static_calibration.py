@@ -47,7 +47,8 @@ class StaticReading:
 def read_static(counts: NDArray[np.int32], min_counts: int, max_counts: int) -> StaticReading:
     """Return the reading of a load at rest from consecutive samples of shape (n,).
 
-    Raises CalibrationError if there are too few samples, or if one is at a limit of the converter.
+    Raises CalibrationError if there are fewer samples than `_LEAST_SAMPLES`, or if a sample is at
+    or beyond a limit of the converter.
     """
     if len(counts) < _LEAST_SAMPLES:
         raise CalibrationError(f'{len(counts)} samples are too few; {_LEAST_SAMPLES} are needed')
@@ -79,7 +80,8 @@ class RestReading:
     """Measurement of a load, which waits until the load has been at rest for long enough.
 
     The sensitivity of `load_cell` converts the tolerance of `steadiness` to counts. `latest` is the
-    reading of the latest samples, even if the load moves. It is None before the first check.
+    reading of the samples at the latest check, even if the load moves. It is None until a check has
+    had enough samples, none of them at a limit of the converter.
     """
 
     def __init__(self, load_cell: LoadCell, steadiness: Steadiness) -> None:
@@ -92,11 +94,12 @@ class RestReading:
         self.latest: StaticReading | None = None
 
     def add(self, block: SampleBlock) -> StaticReading | None:
-        """Add a block; return the reading if the load has been at rest for long enough.
+        """Add a block; return the reading if the load has been at rest for long enough, or None.
 
-        After a loss of samples the measurement begins again, because the load may have moved.
-        Raises CalibrationError if the converter is at its limit, or if the load has not come to
-        rest in time.
+        The load is checked every 0.5 s of samples. After a loss of samples the measurement begins
+        again, because the load may have moved. The time limit `patience` does not begin again.
+        Raises CalibrationError if a complete measurement contains a sample at or beyond a limit of
+        the converter, or if the load has not come to rest within the time limit.
         """
         rate, wanted, counts = self._load_cell.sample_rate, self._steadiness, block.counts
         whole = self._next in (None, block.first_index)
@@ -160,7 +163,7 @@ class StaticCalibration:
     zero_counts: float
     counts_per_kg: float
     zero_uncertainty: float
-    counts_per_kg_uncertainty: float
+    counts_per_kg_uncertainty: float  # NaN if only the empty belt was read
     residuals: tuple[float, ...]  # calibrated mass minus true mass of each point in kg
 
     @property
@@ -172,7 +175,8 @@ class StaticCalibration:
 def calibrate(points: Sequence[CalibrationPoint]) -> StaticCalibration:
     """Fit zero and sensitivity to points with at least two different masses.
 
-    Raises CalibrationError if the points do not determine zero and sensitivity.
+    Raises CalibrationError if a value is not finite, if an uncertainty is negative, or if the
+    points do not determine zero and sensitivity.
     """
     values = np.array([astuple(point) for point in points]).reshape(-1, 4)
     masses, readings, of_readings, of_masses = values.T
