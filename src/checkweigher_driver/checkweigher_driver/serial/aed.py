@@ -106,7 +106,7 @@ class AedDialogue:
         self._port = port
 
     def send(self, command: str) -> None:
-        """Send a command that has no reply."""
+        """Send a command without waiting for a reply."""
         self._port.write(f'{command};'.encode())
 
     def stop(self) -> None:
@@ -117,7 +117,10 @@ class AedDialogue:
         self._drain()
 
     def _drain(self) -> None:
-        """Discard bytes until no more bytes arrive, because adapters deliver bytes late."""
+        """Discard bytes until none has arrived for 30 ms, but for at most 0.5 s.
+
+        The method has to wait because adapters deliver bytes late.
+        """
         begin = last = time.monotonic()
         while (now := time.monotonic()) - last < _QUIET and now - begin < _PATIENCE:
             if self._port.in_waiting:
@@ -134,7 +137,10 @@ class AedDialogue:
             self._drain()
 
     def reset(self) -> None:
-        """Restart the device, and wait until it replies. Raises `SerialError` if no reply comes."""
+        """Restart the device, and wait until it replies.
+
+        Raises `SerialError` if no reply comes within 6 s.
+        """
         self.send('RES')
         begin = time.monotonic()
         while time.monotonic() - begin < 2 * _RESET_TIME:
@@ -173,7 +179,8 @@ class AedDialogue:
     def identify(self) -> tuple[str, str]:
         """Return model and serial number of the device.
 
-        Raises `SerialError` if the device does not reply, or is not of the AED family.
+        The stream of the device is stopped, and the device is asked up to three times. Raises
+        `SerialError` if the device does not reply, or is not of the AED family.
         """
         for attempt in range(_ATTEMPTS):
             self.stop()
@@ -194,7 +201,10 @@ class AedDialogue:
         )
 
     def _line(self) -> str:
-        """Return a reply without its line end, or an empty string without a reply."""
+        """Return a reply without its line end, or an empty string without a reply.
+
+        If the line end does not arrive within 0.5 s, the characters so far are returned.
+        """
         line = b''
         end = time.monotonic() + _PATIENCE
         while not line.endswith(b'\n') and len(line) < _LONGEST_REPLY and time.monotonic() < end:

@@ -82,8 +82,10 @@ class LineDecoder(Decoder):
     one unit of the last decimal, and `decimals` is the number of decimals. Raises ValueError if the
     pattern is invalid.
 
-    Lines end with CR, LF or both. A line that does not match counts as one lost reading, or as
-    several if it is longer than the last valid line. Bytes before the first line end are skipped.
+    Lines end with CR, LF or both. A line that does not match, or whose count is not a 32-bit
+    integer, counts as one lost reading, or as several if it is longer than the last valid line.
+    Lost readings are counted only after the first reading. Bytes before the first line end are
+    skipped.
     """
 
     waiting = 0  # `feed` returns the reading of every complete line immediately

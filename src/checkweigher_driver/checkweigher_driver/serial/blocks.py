@@ -39,7 +39,7 @@ class BlockMaker:
         """Increase the index by the number of samples that were lost in a break.
 
         `reads` are the first reads after the break. The number is computed from the read with the
-        smallest delay.
+        smallest delay, and is at least 1.
         """
         index, least = self.index - 1, math.inf
         for read in reads:
@@ -48,7 +48,11 @@ class BlockMaker:
         self._jump(max(1, math.floor(least * self._rate / NANOSECONDS)))
 
     def blocks(self, read: Read) -> Iterator[SampleBlock]:
-        """Yield the blocks whose stamps are certain. A new block begins after each gap."""
+        """Convert a read to blocks, and yield the blocks whose stamps are certain now.
+
+        These include blocks that were held back before. A new block begins after each gap in the
+        samples.
+        """
         values, (low, high) = read.values, self._limits
         at_limit = np.where(values.counts < 0, low, high)
         counts = np.where(values.overflow, at_limit, values.counts).astype(np.int32)

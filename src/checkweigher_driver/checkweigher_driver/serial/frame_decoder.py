@@ -46,8 +46,9 @@ class _Places:
     `counts` contains the readings of the frames. The other attributes are boolean: `overflow` marks
     an overflow that the device reports, `good` marks valid frames, and `doubtful` marks frames that
     may seem valid at a wrong place. `run` marks places at which five consecutive frames are valid.
-    `begins` marks such places if they are certainly true, and `slipped` marks places at which the
-    readings change much more than at another place.
+    `begins` marks such places if the readings change less there than at all other places with valid
+    frames, and `slipped` marks places at which the readings change much more than at another place
+    with valid frames.
     """
 
     def __init__(self, data: NDArray[np.uint8], size: int, checksum: bool) -> None:
@@ -92,7 +93,11 @@ class _Places:
     def _runs(
         self, size: int, frames: int, places: int
     ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-        """Return whether the frames at each place are valid, and the sum of their changes."""
+        """Return two arrays with one element for each of the first `places` places.
+
+        The elements are whether `frames` consecutive frames from the place on are valid, and the
+        sum of the absolute changes of their readings from frame to frame.
+        """
         starts = range(0, size * frames, size)
         run = np.logical_and.reduce([self.good[i : i + places] for i in starts])
         change = np.zeros(places, np.int64)
@@ -107,7 +112,8 @@ class FrameDecoder(Decoder):
     With `checksum`, the fourth byte of a frame is the XOR of the other bytes. Without `checksum`,
     the fourth byte is the status of the device, and a wrong reading cannot be detected. `trailer`
     is 'crlf' if frames end with CR LF, 'none' if they do not, or 'auto' if this is unknown. Without
-    a checksum, `trailer` must not be 'none', because the beginning of frames could not be found.
+    `checksum`, 'auto' means 'crlf', and 'none' is not allowed, because the beginning of a frame
+    could not be found.
 
     After an invalid frame, the decoder searches for the next place at which five consecutive frames
     are valid. The number of lost readings is computed from the number of skipped bytes, rounded up
@@ -193,7 +199,11 @@ class FrameDecoder(Decoder):
 
     @staticmethod
     def _first(mask: NDArray[np.bool_], begin: int) -> int:
-        """Return the first position at or after `begin` that is true in `mask`, or the end."""
+        """Return the first position at or after `begin` that is true in `mask`.
+
+        If there is none, the result is the length of `mask`, or `begin` if `begin` is beyond the
+        end of `mask`.
+        """
         rest = mask[begin:]
         return begin + int(rest.argmax()) if rest.any() else max(len(mask), begin)
 
@@ -202,7 +212,11 @@ class FrameDecoder(Decoder):
         self._since_frame += number
 
     def _follow(self, places: _Places, position: int) -> tuple[int, bool]:
-        """Return the number of valid frames at a position, and whether an invalid frame follows."""
+        """Return the length of a run of valid frames, and whether an invalid frame ends the run.
+
+        The run begins at `position`. It may also end with the data, or before a frame that can be
+        checked only with later data.
+        """
         k = len(places.run)
         good = places.good.copy()
         good[:k] &= ~places.doubtful[:k] | (places.run & ~places.slipped)

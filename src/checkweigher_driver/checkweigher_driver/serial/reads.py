@@ -22,16 +22,17 @@ class Read(NamedTuple):
     """Data of one read of the port, with one or more complete readings."""
 
     values: Decoded
-    at: int  # time in ns at which the last reading has arrived
-    size: int  # number of bytes
+    at: int  # real time in ns at which the last reading in `values` arrived
+    size: int  # number of bytes in this read
 
 
 class ValueReader:
-    """Reader of one device, which ends when `closed` is set.
+    """Reader of the readings that one device sends. Its iterators end when `closed` is set.
 
-    `rate` is the nominal sample rate in Hz, and `in_block` is the number of readings in a read. The
-    device counts as silent after `timeout` s without a reading. `comes` is true while readings
-    arrive. `trouble` is a message if the measured sample rate differs from `rate` by 5 % or more.
+    `rate` is the nominal sample rate in Hz, and `in_block` is the number of readings for which a
+    read waits. The device counts as silent after `timeout` s without a reading. `comes` is true
+    while readings arrive. `trouble` is a message if the measured sample rate differs from `rate` by
+    5 % or more, otherwise empty. `figures` contains counts for the diagnostics, by name.
     """
 
     def __init__(self, rate: float, in_block: int, timeout: float, closed: threading.Event) -> None:
@@ -44,7 +45,11 @@ class ValueReader:
         self.figures = {'bytes skipped': 0, 'bad frames': 0}
 
     def reads(self, port: serial.Serial, decoder: Decoder) -> Iterator[Read]:
-        """Yield each read with complete readings. Raises `SerialError` if the device is silent."""
+        """Yield each read that completes at least one reading, until `closed` is set.
+
+        Raises `SerialError` if the device is silent, and passes on the exceptions of a port that
+        has disappeared.
+        """
         self.comes, self.trouble = False, ''
         began, number = 0.0, 0  # start of the rate measurement in s, and number of readings since
         last_value, idle_bytes = time.monotonic(), 0
@@ -87,9 +92,11 @@ class ValueReader:
         return f'no bytes arrive {during}; check the cable and the supply of the device'
 
     def first_reads(self, port: serial.Serial, reads: Iterator[Read]) -> list[Read]:
-        """Return the first reads after a break, up to a read whose time of arrival is known.
+        """Return the first reads after a break, up to the first read whose time is reliable.
 
-        The time of arrival is unknown if the bytes have waited in the input buffer of the port.
+        The time of a read is not reliable if its bytes may have waited in the input buffer of the
+        port. Reads with at least 0.1 s of readings are returned, unless the reader is closed
+        earlier.
         """
         first, number = [], 0
         for read in reads:

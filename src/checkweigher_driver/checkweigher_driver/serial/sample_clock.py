@@ -30,8 +30,10 @@ _STEP = 20_000_000
 _WINDOW = 60.0  # duration in s of the signal to which the line is fitted
 _BUCKET = 1.0  # duration in s of the signal whose points are reduced to their convex hull
 _REFIT = 0.25  # time in s between two fits
-_WARM_UP = 1.0  # time in s after which a new line is used, and after which late reads begin it
-_WARM_UP_READS = 20  # smallest number of reads after which the same happens
+# Duration in s of the signal after which a new line is used, and for which reads must be late
+# before they begin a new line.
+_WARM_UP = 1.0
+_WARM_UP_READS = 20  # smallest number of reads in this time, for both purposes
 _MAX_DRIFT = 0.02  # largest relative error of the nominal sample rate
 _KNOWN_DRIFT = 300e-6  # largest relative change of a known sample rate
 _KNOWN_AFTER = 20.0  # time in s after which the sample rate is known
@@ -106,7 +108,11 @@ class SampleClock:
 
     @property
     def settled(self) -> bool:
-        """Whether the stamps may be used, because the line is old enough and certain."""
+        """Whether the stamps may be used.
+
+        They may be used if at least 1 s of signal and 20 reads have been added to the present line,
+        and if the latest read is at most 20 ms late.
+        """
         return (
             self._fit is not None
             and not self._in_doubt
@@ -115,7 +121,11 @@ class SampleClock:
         )
 
     def add(self, first_index: int, count: int, host_ns: int) -> None:
-        """Add a read of `count` samples that returned at time `host_ns` in ns."""
+        """Add a read of `count` samples, of which the first has the index `first_index`.
+
+        `host_ns` is the time in ns on the real-time clock of the host at which the last sample of
+        the read arrived.
+        """
         if self._out is None:
             self._origin = first_index, host_ns
         index = first_index - self._origin[0]
@@ -153,7 +163,11 @@ class SampleClock:
             self._refit()
 
     def _is_lasting(self, point: _Point) -> bool:
-        """Return whether reads have been late for longer than a stalled computer can explain."""
+        """Return whether reads have been late for longer than a stalled computer can explain.
+
+        At least 20 reads must have been late, over at least 1 s of signal and 1 s of the clock of
+        the host.
+        """
         first, enough = self._late[0], _WARM_UP * self._rate
         elapsed = point[0] - first[0] + (point[1] - first[1]) / self._period
         return (

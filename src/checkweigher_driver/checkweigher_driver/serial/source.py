@@ -75,7 +75,10 @@ class SerialParameters(Parameters):
     )
 
     def check_complete(self, bytes_per_value: int) -> None:
-        """Raise ParameterError if a parameter is missing, or if the baud rate is too low."""
+        """Raise ParameterError if a parameter is missing, or if the baud rate is too low.
+
+        `bytes_per_value` is the number of bytes that the device sends for each reading.
+        """
         if not self.port:
             raise ParameterError(f'{self.node}.port: empty, must name a port such as /dev/ttyUSB0')
         for name in ('counts_per_kg', 'capacity', 'weigh_length'):
@@ -174,7 +177,10 @@ class SerialSource(Source):
         self._let_go()
 
     def _open_again(self) -> None:
-        """Try to open the port every 0.3 s until this succeeds or the source is closed."""
+        """Try to open the port every 0.3 s until this succeeds or the source is closed.
+
+        Raises `SerialError` if the device that answers is not that of the first connection.
+        """
         while not self._closed.wait(RETRY_TIME):
             try:
                 identity = self._open()
@@ -195,16 +201,20 @@ class SerialSource(Source):
                 self._end(port)
 
     def close(self) -> None:
-        """Stop the device and close the port. A read ends within 0.1 s.
+        """Stop the device and close the port.
 
-        A closed source cannot be iterated again.
+        During an iteration, the iterator does this after its present read, which ends within 0.1 s,
+        or after its present attempt to open the port. A closed source cannot be iterated again.
         """
         self._closed.set()
         if not self._reading:
             self._let_go()
 
     def _stream(self) -> Iterator[Event]:
-        """Yield the blocks of one stream of the device, until the connection breaks."""
+        """Yield the blocks of one stream of the device until the source is closed.
+
+        If the connection breaks, `SerialError` or one of the exceptions in `_BROKEN` is raised.
+        """
         port = self._port
         assert port is not None
         self._begin(port)
