@@ -27,8 +27,9 @@ _CLOCK_STEP = 5_000_000  # smallest detected step of the real-time clock, in ns
 class Times(NamedTuple):
     """Times in ns at which an item is at the rejector or a station, and at the two photo-eyes.
 
-    `due` is the time at the rejector or the station, `since` the time at the outfeed eye, and
-    `entered` the time at the infeed eye.
+    All times are on the monotonic clock. `due` is the time at the rejector or the station, `since`
+    the time at the outfeed eye, and `entered` the time at the infeed eye. `since` and `entered` are
+    None if they are unknown.
     """
 
     due: int
@@ -46,7 +47,9 @@ class Arrivals:
     def __init__(self, motion: BeltMotion) -> None:
         self.clock = ClockStepWatch(_CLOCK_STEP)
         self._motion = motion
-        self._travel: int | None = None  # travel time in ns of the last item, in belt time
+        # Belt time in ns from the infeed eye to the rejector for the last item that certainly was
+        # one product, None before the first such item.
+        self._travel: int | None = None
 
     def times(self, verdict: Verdict, now: int) -> Times | None:
         """Return the times of an item, or None if they are unknown or two products were merged."""
@@ -88,8 +91,9 @@ class Arrivals:
     ) -> list[BeltItem]:
         """Return the items without a verdict that arrived at the rejector over `late` ns ago.
 
-        Each item is assumed to have the travel time of the last item with a verdict. `to_monotonic`
-        is the monotonic time minus the real time in ns, or None if it is unknown.
+        Each item is assumed to have the travel time of the last item that certainly was one
+        product. `to_monotonic` is the monotonic time minus the real time in ns, or None if it is
+        unknown. The list is empty if the travel time or `to_monotonic` is unknown.
         """
         if self._travel is None or to_monotonic is None:
             return []

@@ -17,9 +17,10 @@ class BeltItem:
     """Item between the infeed eye and the rejector.
 
     `entered` and `cleared` are the stamps in ns at which the item has blocked and cleared the
-    infeed eye. `number` is 0 as long as it is unknown. `end` is the belt time in ns at which the
-    item has passed the rejector, or None before its verdict. `reported` is true if the item has
-    already caused a stop.
+    infeed eye, or None as long as they are unknown. `number` is 0 as long as it is unknown.
+    `decision` is None before the verdict. `end` is the belt time in ns at which the item will have
+    passed the rejector, or None before the verdict. `reported` is true if the item has already
+    caused a stop.
     """
 
     entered: int | None
@@ -50,7 +51,12 @@ class BeltItems(list[BeltItem]):
     """Items between the infeed eye and the rejector, in order of entry."""
 
     def edge(self, edge: EyeEdge) -> None:
-        """Add an item if it blocks the infeed eye, or record that the last item has cleared it."""
+        """Add an item if the infeed eye is blocked, or record that the last item has cleared it.
+
+        Edges of the outfeed eye are ignored. If the infeed eye is blocked less than `FLICKER` after
+        it was cleared, the edge belongs to the last item. If there are more than 200 items, the
+        oldest item is removed.
+        """
         if edge.eye != Eye.INFEED:
             return
         last = self[-1] if self else BeltItem(None)
@@ -61,7 +67,11 @@ class BeltItems(list[BeltItem]):
             del self[:-_MAX_ITEMS]
 
     def announce(self, item: Item) -> None:
-        """Set number and t2 of an item on the belt that has no verdict yet."""
+        """Set the number of an item on the belt, and the time at which it cleared the infeed eye.
+
+        If `item.t2` is unknown, the time is not changed. An item that is not on the belt, or that
+        has a verdict already, is ignored.
+        """
         found = self._find(item.t1)
         if found is not None and found.decision is None:
             found.number, found.cleared = item.item_id, item.t2 or found.cleared
@@ -73,11 +83,13 @@ class BeltItems(list[BeltItem]):
         """Set the verdict of an item, and return the item.
 
         `end` is the belt time in ns at which the item will have passed the rejector. If `end` is
-        None, the item is removed.
+        None, the item is removed. An item that is not on the belt is added before its verdict is
+        set.
         """
         item = self._find(verdict.t1)
         if item is None:
-            # Insert the item at the front, because `leave` also removes items in front of it.
+            # Insert the item at the front, because `leave` also removes the items without a verdict
+            # in front of it.
             item = BeltItem(verdict.t1)
             self.insert(0, item)
         item.number, item.decision, item.end = verdict.item_id, verdict.decision, end

@@ -24,7 +24,11 @@ class BeltMotion:
         self._stopped_at: int | None = None  # time of the last stop that no belt input measured
 
     def measure(self, running: bool | None, now: int) -> int | None:
-        """Record the state of the belt input; return the belt time if the belt starts."""
+        """Record the state of the belt input; return the belt time if the belt starts, or None.
+
+        `running` is None if there is no belt input. The belt starts if `running` is true and the
+        belt was stopped before.
+        """
         self.measured = running
         if running is False:
             self.time.stop(now)
@@ -33,7 +37,8 @@ class BeltMotion:
     def allow(self, run: bool, now: int) -> bool:
         """Allow or forbid the belt to run; return whether the positions of its items are unknown.
 
-        The positions are unknown if the belt stops and no belt input measures the time of the stop.
+        The positions are unknown if the belt must not run, may have run since it was known to be
+        empty, and no belt input measures the time of the stop.
         """
         self._may_run = run
         unmeasured = not run and self.released and self.measured is None
@@ -43,7 +48,10 @@ class BeltMotion:
         return unmeasured
 
     def was_stopped_since(self, time: int | None) -> bool:
-        """Return whether the belt was stopped after `time`, and no belt input measured the stop."""
+        """Return whether the belt was stopped after `time`, and no belt input measured the stop.
+
+        Returns False if `time` is None.
+        """
         return time is not None and self._stopped_at is not None and time < self._stopped_at
 
     def heartbeat(self, begun: int) -> None:
@@ -62,6 +70,9 @@ class BeltMotion:
         return True
 
     def clear(self) -> None:
-        """Reset the state to an empty belt at rest."""
+        """Record that the belt is empty and must not run.
+
+        The belt time and the state of the belt input are not changed.
+        """
         self.released = self._may_run = False
         self._heartbeat = None

@@ -9,9 +9,10 @@ _MORE = 'and others'
 class MissedProducts:
     """Messages on missed products, which stop the line until they are cleared.
 
-    `texts` contains the messages. `shown` is true if the stop request shows all messages. A person
-    who resets the stop request has then looked for the products. `looked_at` is the time in ns at
-    which the messages were cleared, or None.
+    `texts` contains up to three messages, and "and others" if there are more. `shown` is true if
+    the stop request shows all messages. A person who resets the stop request has then looked for
+    the products. `looked_at` is the time in ns on the monotonic clock at which messages were last
+    cleared, or None if this has not happened yet.
     """
 
     def __init__(self) -> None:
@@ -31,7 +32,10 @@ class MissedProducts:
         return bool(self.texts) and not self.shown
 
     def add(self, text: str) -> None:
-        """Add the message on a product that may have been missed."""
+        """Add the message on a product that may have been missed, unless `texts` contains it.
+
+        From the fourth message on, "and others" is added instead.
+        """
         if text not in self.texts:
             named = self.texts[:_MAX_MISSED]
             self.texts = (*named, text if len(named) < _MAX_MISSED else _MORE)
@@ -42,7 +46,10 @@ class MissedProducts:
         self.texts = ()
 
     def stop(self, now: int) -> bool:
-        """Return whether the line has to stop because of a missed product."""
+        """Return whether the line has to stop because of a missed product.
+
+        The first call after `clear` sets `looked_at` to `now`.
+        """
         stopped, self._stopped = self._stopped, bool(self.texts)
         if stopped and not self._stopped:
             self.looked_at = now

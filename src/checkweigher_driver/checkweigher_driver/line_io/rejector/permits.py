@@ -14,10 +14,11 @@ from checkweigher_driver.line_io.rejector.reject_pulses import BeltTime
 
 
 class Permits:
-    """Schedule of permits, with a `margin` at both ends and a shortest `pause` in ns.
+    """Schedule of permits.
 
-    A permit that could begin only after the arrival of its item is cancelled, because the next item
-    would use it.
+    `margin` is the time in ns by which a permit exceeds the passage of its item at both ends.
+    `pause` is the shortest time in ns between two permits. A permit that could begin only after the
+    arrival of its item is cancelled, because the next item would use it.
     """
 
     def __init__(self, belt: BeltTime, margin: int, pause: int) -> None:
@@ -28,10 +29,12 @@ class Permits:
         self._given = False
 
     def permit(self, arrival: int, passage: int, now: int) -> bool:
-        """Add the permit of an item; return False if the item is already at the rejector.
+        """Add the permit of an item, and return True.
 
+        If the item is already at the rejector, no permit is added, and the result is False. If a
+        permit would end less than a pause before the next permit, it is shortened.
         `arrival` is the belt time in ns at which the item arrives at the rejector, and `passage` is
-        the time in ns that it needs to pass the rejector.
+        the time in ns that the item needs to pass the rejector.
         """
         if arrival < self._belt.at(now):
             return False
@@ -65,7 +68,10 @@ class Permits:
         return self._given
 
     def next_change(self, now: int) -> float:
-        """Return the time in ns of the next change of `given`, or infinity without a change."""
+        """Return the time in ns of the next change of `given`.
+
+        Returns infinity if no change is scheduled, or if the belt is stopped.
+        """
         here = self._belt.at(now)
         times = [each for window in self._windows for each in window if each > here]
         return self._belt.when(min(times)) if times else math.inf

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Pulse schedule of the rejector, with one pulse for each rejected item.
+"""Pulse schedule of the rejector or of a station, with one pulse for each item that it removes.
 
 The schedule is in belt time, which is the time for which the belt has run. A stop of the belt
 therefore delays the pulse of an item on its way to the rejector by the duration of the stop.
@@ -67,8 +67,8 @@ class BeltTime:
 
         An item is delayed by a stop of the belt. The arguments are times on the clock: `due` is the
         arrival without a stop, `since` the time at the outfeed eye, and `entered` the time at the
-        infeed eye. If the belt was stopped while the item was between the eyes, its measured speed
-        is too low, and `due` is corrected.
+        infeed eye. The last two are None if they are unknown. If the belt was stopped while the
+        item was between the eyes, its measured speed is too low, and `due` is corrected.
         """
         begin, stood = self.at(due), False
         if since is not None:
@@ -120,7 +120,8 @@ class RejectPulses:
     def add(self, due: int, since: int | None, now: int, entered: int | None = None) -> int:
         """Add the pulse of an item; return the delay of the pulse in ns, 0 if it is in time.
 
-        The arguments `due`, `since` and `entered` are those of `BeltTime.arrival`.
+        The arguments `due`, `since` and `entered` are those of `BeltTime.arrival`. A pulse is in
+        time if it is late by at most `late_tolerance`. A later pulse begins at time `now`.
         """
         begin, delayed = self.belt.arrival(due, since, entered)
         here = self.belt.at(now)
@@ -158,7 +159,10 @@ class RejectPulses:
         return bool(self._pulses) and self._pulses[0][0] <= self.belt.at(now)
 
     def next_change(self, now: int) -> float:
-        """Return the time in ns of the next change of `acting`, or infinity without a change."""
+        """Return the time in ns of the next change of `acting`.
+
+        Returns infinity if no change is scheduled, or if the belt is stopped.
+        """
         acting = self.acting(now)
         return self.belt.when(self._pulses[0][1 if acting else 0]) if self._pulses else math.inf
 

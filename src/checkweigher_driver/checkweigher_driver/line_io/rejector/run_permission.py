@@ -38,7 +38,11 @@ class RunPermission:
         self._permission = now, permission.run
 
     def take_request(self, request: StopRequest | None) -> None:
-        """Record a stop request of the node reject, or None if the stop request was reset."""
+        """Record a stop request of the node reject, or None if the stop request was reset.
+
+        A reset clears the missed products if the stop request has shown the messages on all of
+        them.
+        """
         self._end_silence()
         if request is None:
             self._asked = ''

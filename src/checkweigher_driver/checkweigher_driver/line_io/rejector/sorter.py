@@ -19,7 +19,8 @@ class Sorter:
 
     `stations` is the number of sorting stations in addition to the rejector. A permit has a margin
     of `permit_margin` in ns at both ends. If `permit_margin` is None, the machine has no permit
-    output. An item that may have taken a wrong route is added to `missed`.
+    output. A message on each rejected item that may be missed is added to `missed`. An accepted
+    item that may miss its station is only counted.
     """
 
     def __init__(
@@ -47,7 +48,10 @@ class Sorter:
         }
 
     def sort(self, verdict: Verdict, items: BeltItems, now: int, *, reached: bool) -> None:
-        """Schedule pulse and permit of an item. `reached` is false if no output can be switched."""
+        """Record the verdict of an item in `items`, and schedule the pulse and permit of the item.
+
+        `reached` is false if no output can be switched.
+        """
         times = self._arrivals.times(verdict, now)
         there, belt = at_station(verdict, times), self._motion.time
         arrivals = [belt.arrival(*each)[0] for each in (times, there) if each]
@@ -67,7 +71,12 @@ class Sorter:
             self._permit(times, passage, now)
 
     def _permit(self, times: Times | None, passage: int | None, now: int) -> None:
-        """Add the permit of an accepted item, if its arrival and its passage are known."""
+        """Add the permit of an accepted item, and count the permit as given or as withheld.
+
+        The permit is withheld if the arrival or the passage of the item is unknown, if an
+        unmeasured stop of the belt followed the item's outfeed edge, or if the item is already at
+        the rejector.
+        """
         given = False
         if times is not None and passage is not None and not self._was_stopped(times):
             given = self.permits.permit(self._motion.time.arrival(*times)[0], passage, now)
@@ -87,7 +96,12 @@ class Sorter:
         return looked_at is not None and self._arrivals.entered_before(verdict, looked_at)
 
     def _divert(self, times: Times | None, now: int, station: int) -> None:
-        """Add the pulse of a station. If the pulse would be too late, the item goes straight on."""
+        """Add the pulse of a station for an accepted item.
+
+        The item is counted and goes straight on if its arrival is unknown, if the station has no
+        output, if an unmeasured stop of the belt followed the item's outfeed edge, or if the pulse
+        would be too late.
+        """
         known = station < len(self._pulses) and not self._was_stopped(times)
         if times is None or not known or now - times.due > self._times.late_tolerance:
             self.figures['not sorted'] += 1
@@ -95,7 +109,11 @@ class Sorter:
             self._pulses[station].add(times.due, times.since, now, times.entered)
 
     def _reject(self, verdict: Verdict, times: Times | None, now: int, *, reached: bool) -> None:
-        """Add the pulse for a rejected item, and check whether it may miss the item."""
+        """Add the pulse for a rejected item, and check whether the pulse may miss the item.
+
+        If the arrival of the item is unknown, or if its station has no output, the rejector ejects
+        at time `now`, and the item is reported as missed.
+        """
         item, station = f'item {verdict.item_id}', verdict.station
         if station >= len(self._pulses):
             times = None
@@ -126,7 +144,11 @@ class Sorter:
         self._missed.add(why)
 
     def acting(self, now: int) -> list[bool]:
-        """Return whether the rejector and each station have to act at time `now`."""
+        """Return whether the rejector and each station have to act at time `now`, in this order.
+
+        If the method was not called during a pulse, a missed product is reported, which stops the
+        line.
+        """
         skipped = sum(pulses.skipped for pulses in self._pulses)
         acting = [pulses.acting(now) for pulses in self._pulses]
         if sum(pulses.skipped for pulses in self._pulses) > skipped:
@@ -140,7 +162,10 @@ class Sorter:
         return Switches(reject, permit, min(stations, default=math.inf))
 
     def reconnect(self, now: int) -> None:
-        """Check whether a pulse has begun while the outputs could not be switched."""
+        """Report a missed product if a pulse has begun while the outputs could not be switched.
+
+        The method is called after the outputs were connected again.
+        """
         if any(pulses.begun(now) for pulses in self._pulses):
             self._missed.add('the rejector could not be reached in time to act; look behind it')
 

@@ -40,7 +40,12 @@ class SwitchTiming:
         }
 
     def add(self, before: Levels, after: Levels, due: Switches, begun: int, done: int) -> list[str]:
-        """Add a change between times `begun` and `done`; return messages on late outputs."""
+        """Add a change of the outputs between times `begun` and `done`; return messages on delays.
+
+        `before` and `after` are the levels before and after the change, and `due` contains the
+        times at which the outputs had to change. A message is returned only if the start of a pulse
+        or the end of a permit was late.
+        """
         rejector = before.reject != after.reject and due.reject <= begun
         if rejector:
             self._count(1e-6 * ((begun + done) / 2 - due.reject), 1e-6 * (done - begun) / 2)
