@@ -67,7 +67,11 @@ class OnBelt:
         return b'%08x %s\n' % (zlib.crc32(text), text)
 
     def to_look_for(self) -> tuple[str, ...]:
-        """Return a message for each product that a person has to look for at the next start."""
+        """Return the messages on what a person has to look for at the next start.
+
+        These are the messages on missed products and, if the belt may have run since it was known
+        to be empty, one message with the names of the items on the belt.
+        """
         if not self.released:
             return self.doubts
         known = f'{", ".join(self.items)}, and ' if self.items else ''
@@ -136,7 +140,9 @@ class BeltRecord:
     def keep(self, belt: OnBelt) -> None:
         """Write the state of the belt. If the belt starts, wait until the state is on the disk.
 
-        Raises OSError if the state cannot be written; the belt must then not run.
+        In other cases the method does not wait for the thread that writes the state. Raises OSError
+        if the state, or the state of an earlier call, cannot be written. The belt must then not
+        run.
         """
         if belt.released and self._writing.done():
             self._writing.result()

@@ -46,10 +46,12 @@ class EdgePolling:
         self._polls = self._periods = self._round_trips = self._longest_round_trip = 0
 
     def add(self, poll: Poll, to_stamp: int) -> list[EyeEvent]:
-        """Add a poll; return the edges since the previous poll, or a loss of the eyes and its end.
+        """Add a poll; return the edges since the previous poll.
 
-        `to_stamp` is the time in ns on the clock of the stamps minus the time on the clock of the
-        polls.
+        If an edge is too uncertain or a product may have passed unnoticed, the start and the end of
+        a loss of the eyes are returned instead. After a failed poll, only the end of the loss is
+        returned. The first poll shows no edges. `to_stamp` is the time in ns on the clock of the
+        stamps minus the time on the clock of the polls.
         """
         last, self._last = self._last, poll
         to_stamp -= self._delay
@@ -92,7 +94,10 @@ class EdgePolling:
         return min(self._longest_gap, max(covered, 2 * self._max_uncertainty))
 
     def lose(self, now: int, to_stamp: int, text: str) -> list[EyeEvent]:
-        """Return the loss of the eyes after a failed poll, or nothing if they are already lost."""
+        """Return the loss of the eyes after a failed poll, or an empty list during a loss.
+
+        `now` is the time of the failed poll, and `text` is the reason of its failure.
+        """
         if self._lost:
             return []
         self._lost = True

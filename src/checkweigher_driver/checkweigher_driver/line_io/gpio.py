@@ -74,7 +74,11 @@ class EdgeOrder:
         self.lost = 0
 
     def take(self, event: gpiod.EdgeEvent) -> list[EyeEvent]:
-        """Return the edge of an event, preceded by a loss of the eyes if events were lost."""
+        """Return the edge of an event.
+
+        If events were lost before this event, the edge is preceded by the start and the end of a
+        loss of the eyes.
+        """
         missing = event.global_seqno - self._next
         since = self._last_stamp
         self._next, self._last_stamp = event.global_seqno + 1, event.timestamp_ns
@@ -267,7 +271,8 @@ class GpioInputs(InputPort):
     def read(self) -> list[Reading]:
         """Return a reading for each edge since the last call.
 
-        If there was no edge within 0.2 s, return one reading of the present levels.
+        At the first call after `open`, or if there was no edge within 0.2 s, return one reading of
+        the present levels.
         """
         if not self._levels or not self._lines.wait_edge_events(_WAIT):
             values = self._lines.get_values(list(self._names))

@@ -29,7 +29,7 @@ CONDITIONS = {
     'inspections': StopReason.INSPECTION_FAULT,
 }
 _NONE = -1
-_CLOSE_TIME = 3.0  # s
+_CLOSE_TIME = 3.0  # longest wait in s for the end of the thread
 _input = partial(parameter, _NONE, minimum=_NONE)
 
 InputEvent = ExternalReject | MachineConditions
@@ -74,7 +74,11 @@ class InputParameters(Parameters):
             raise ParameterError(f'{self.node}: two inputs have the same address')
 
     def wiring(self) -> dict[str, int]:
-        """Return the addresses of the inputs by name."""
+        """Return the addresses of the connected inputs by name.
+
+        The names of the inputs of a condition have an index, such as ``bins[0]``. The inputs of the
+        inspection devices, such as ``metal``, have no index.
+        """
         single = {name: int(getattr(self, name)) for name in DEVICES}
         several = {
             f'{name}[{number}]': int(address)
@@ -84,7 +88,10 @@ class InputParameters(Parameters):
         return {n: address for n, address in single.items() if address != _NONE} | several
 
     def is_inverted(self, name: str) -> bool:
-        """Return whether the input `name` is inverted."""
+        """Return whether the input `name` is inverted.
+
+        All inputs of a condition, such as ``bins[0]`` and ``bins[1]``, are inverted together.
+        """
         return name.partition('[')[0] in self.inverted.split()
 
 
@@ -109,7 +116,10 @@ class InputWatch:
         self.rejects = 0
 
     def take(self, reading: Reading) -> list[InputEvent]:
-        """Add a reading; return new external rejects, and the conditions if they have changed."""
+        """Add a reading; return new external rejects, and the conditions if they have changed.
+
+        The conditions are also returned for the first reading, and after they were unknown.
+        """
         stamp, levels = reading
         on = {name for name in DEVICES if levels.get(name)}
         events: list[InputEvent] = [
@@ -147,7 +157,7 @@ class InputWatch:
 
     @property
     def wrong(self) -> tuple[str, ...]:
-        """Names of the inputs that require a stop."""
+        """Names of the inputs that require a stop, empty while the conditions are unknown."""
         return self._reported.inputs if self._reported else ()
 
 
@@ -196,7 +206,7 @@ class MachineInputs:
         self._thread.start()
 
     def close(self) -> None:
-        """Stop the thread, and close the port."""
+        """Stop the thread, which closes the port, and wait for its end for at most 3 s."""
         self._closing.set()
         if self._thread is not None:
             self._thread.join(timeout=_CLOSE_TIME)

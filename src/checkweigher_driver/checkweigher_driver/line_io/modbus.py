@@ -297,7 +297,7 @@ class ModbusInputs(InputPort):
         self._link.connect()
 
     def read(self) -> list[Reading]:
-        """Wait for the end of the poll period, and return a reading."""
+        """Wait for the end of the poll period, and return one reading, with all levels."""
         time.sleep(max(0.0, self._next - time.monotonic()))
         self._next = time.monotonic() + self._parameters.poll_period
         begin = time.time_ns()

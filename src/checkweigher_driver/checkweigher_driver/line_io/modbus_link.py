@@ -32,7 +32,10 @@ class ModbusLink:
         self._client = ModbusTcpClient(host, port=port, timeout=timeout, retries=0)
 
     def connect(self) -> None:
-        """Connect to the device, unless it is connected already."""
+        """Connect to the device, unless it is connected already.
+
+        Raises ModbusLinkError if there is no connection within `timeout`.
+        """
         if not self._client.connect():
             raise ModbusLinkError(
                 f'{self._name}: no connection within {self._timeout:g} s; check cable, address and '

@@ -15,7 +15,7 @@ from checkweigher_driver.line_io.rejector.switching import Levels, Switches
 from checkweigher_driver.line_io.rejector_control import OutputParameters, RejectorControl
 from checkweigher_driver.sources import RETRY_TIME, shorten_switch_interval
 
-_CLOSE_TIME = 3.0  # s
+_CLOSE_TIME = 3.0  # longest wait in s for the end of the thread
 _REFRESH_TIME = 5_000_000  # longest duration of a refresh in ns
 
 
@@ -120,14 +120,19 @@ class MachineOutputs:
             control.active = True
 
     def safe(self) -> None:
-        """Enter the safe state, and cancel all pulses."""
+        """Enter the safe state, and cancel all pulses and permits.
+
+        Items on the belt are reported as missed, which stops the line until a person has looked for
+        them.
+        """
         with self._change() as control:
             control.make_safe()
 
     def take(self, record: EyeEdge | Item | Verdict | Permission | StopRequest | None) -> None:
         """Update the outputs after an edge, an item, a verdict, a permission or a stop request.
 
-        None means that the stop request was reset.
+        None means that the stop request was reset. Edges, items and verdicts are ignored before
+        `open` and after `close`.
         """
         now = time.monotonic_ns()
         with self._change() as control:
@@ -146,7 +151,10 @@ class MachineOutputs:
                     control.verdict(record, now)
 
     def reset(self) -> str:
-        """Release the stop after missed products; return the message on these products."""
+        """Release the stop after missed products; return the messages on them in one line.
+
+        The result is empty if no product was missed.
+        """
         with self._change() as control:
             missed = control.missed.text
             control.missed.clear()
@@ -156,8 +164,9 @@ class MachineOutputs:
         """Start the thread that opens and switches the outputs.
 
         The thread calls `held` in each cycle. `held` returns whether the line has to stop because
-        of a fault of the source or the inputs. Raises `ParameterError` if the file with the state
-        of the belt cannot be used.
+        of a fault of the source or the inputs. Nothing happens if the outputs are open already or
+        if the machine has no outputs. Raises `ParameterError` if the file with the state of the
+        belt cannot be used.
         """
         if self._port is None or self.is_open:
             return
@@ -176,7 +185,11 @@ class MachineOutputs:
         self._thread.start()
 
     def close(self) -> None:
-        """Enter the safe state, and close the port."""
+        """Enter the safe state, and end the thread, which closes the port.
+
+        Items on the belt are reported as missed. The method waits for the end of the thread, but
+        for at most 3 s.
+        """
         if self._thread is not None and self.is_open:
             with self._change() as control:
                 control.make_safe()
@@ -184,7 +197,10 @@ class MachineOutputs:
             self._thread.join(timeout=_CLOSE_TIME)
 
     def _run(self, port: OutputPort, record: BeltRecord, held: Callable[[], bool]) -> None:
-        """Open the port and switch the outputs until `close`; after an error, begin again."""
+        """Open the port and switch the outputs until `close`; after an error, begin again.
+
+        At the end, the state of the belt is recorded for the next start.
+        """
         safe = self._control.safe_levels
         while self.is_open:
             try:

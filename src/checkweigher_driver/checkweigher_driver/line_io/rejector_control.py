@@ -164,7 +164,7 @@ class RejectorControl:
         return Levels(reject, stop, self._sorter.permits.given(now), tuple(stations))
 
     def _report_stop(self) -> None:
-        """Cancel the permits and report the rejected items, because all positions are unknown."""
+        """Cancel the permits and report the rejected items, because their positions are unknown."""
         self._sorter.permits.clear()
         bad = [each for each in self._items if each.decision not in (None, Decision.ACCEPT)]
         if names := [str(each) for each in bad if not each.reported]:
@@ -195,7 +195,7 @@ class RejectorControl:
             )
 
     def next_switches(self, now: int) -> Switches:
-        """Return the times at which the outputs switch next."""
+        """Return the times at which the outputs switch next. In the safe state, return infinity."""
         return self._sorter.next_switches(now) if self.active else Switches()
 
     def _check_verdicts(self, now: int, to_monotonic: int | None) -> None:
@@ -222,7 +222,11 @@ class RejectorControl:
         self._items.announce(item)
 
     def verdict(self, verdict: Verdict, now: int) -> None:
-        """Schedule the pulse for a rejected item, or the permit for an accepted item."""
+        """Schedule the pulse and the permit of an item according to its verdict.
+
+        In the safe state nothing is scheduled. If the rejector is retracted in the safe state, a
+        rejected item is then reported as missed.
+        """
         self._verdicts.verdict(verdict)
         rejected = verdict.decision != Decision.ACCEPT
         self._rejects += rejected
@@ -232,7 +236,11 @@ class RejectorControl:
             self.missed.add(f'item {verdict.item_id}: the rejector was not active; look for it')
 
     def connect(self, now: int) -> None:
-        """Record a new connection. The outputs are in the safe state."""
+        """Record a new connection, in which the outputs are in the safe state.
+
+        If items were on the belt while the outputs could not be switched, or if a pulse has begun
+        in this time, products are reported as missed.
+        """
         self.connected = True
         if self.motion.released and self._items:
             self._report_doubt('the connection to the machine was lost', self._items.names())
