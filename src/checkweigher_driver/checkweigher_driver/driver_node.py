@@ -42,7 +42,7 @@ _LOOK_PERIOD = 0.2  # period in s of the check for faults of the machine
 
 
 class DriverNode(ManagedStageNode[DriverParameters]):
-    """Node that publishes the samples and edges of a source, and switches the outputs.
+    """Node that publishes samples, edges and machine inputs, and switches the outputs.
 
     A separate thread reads the source. Each activation begins a new `stream` of samples.
     """

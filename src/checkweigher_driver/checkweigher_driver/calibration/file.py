@@ -175,7 +175,10 @@ def _sections(path: Path | None) -> dict[str, Any]:
 
 
 def source_values(path: Path, source: str) -> dict[str, object]:
-    """Return the values that a parameter file sets for a source, by parameter name."""
+    """Return the values that a parameter file sets for a source, by parameter name.
+
+    Raises SettingsError if the file is invalid or cannot be read.
+    """
     with opened(path) as sections:
         return _values_of(sections, source)
 

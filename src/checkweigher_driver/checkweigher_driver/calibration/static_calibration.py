@@ -40,7 +40,7 @@ class StaticReading:
     noise: float  # standard deviation of the samples
 
     def is_stable(self, tolerance: float) -> bool:
-        """Return whether drift and standard error are within `tolerance`, in counts."""
+        """Return whether absolute drift and standard error are at most `tolerance` in counts."""
         return abs(self.drift) <= tolerance and self.std_error <= tolerance
 
 
@@ -73,7 +73,8 @@ class Steadiness:
 
     duration: float = 5.0  # duration of the reading in s
     tolerance: float = 1e-4  # largest drift and standard error of the reading in kg
-    patience: float = 60.0  # time in s after which the reading is cancelled
+    # Time in s after which the reading is cancelled if the load has not come to rest.
+    patience: float = 60.0
 
 
 class RestReading:

@@ -37,8 +37,8 @@ class OnBelt:
     """State of the belt.
 
     `released` is true if the belt may have run since it was known to be empty. `items` contains the
-    names of the items on the belt. `doubts` contains the messages on missed products for which no
-    person has looked yet.
+    names of the items on the belt in the form of `BeltItems.names`, which abridges a long list.
+    `doubts` contains the messages on missed products for which no person has looked yet.
     """
 
     released: bool = False
@@ -85,8 +85,8 @@ class OnBelt:
 class BeltRecord:
     """File with the state of the belt, locked for one driver at a time.
 
-    `found` is the state at the end of the previous run. The constructor raises ParameterError if
-    the file cannot be used.
+    `found` is the state at the end of the previous run, or an empty belt at the first start. The
+    constructor raises ParameterError if the file cannot be used.
     """
 
     def __init__(self, path: Path) -> None:

@@ -29,8 +29,8 @@ class EdgePolling:
     An edge whose uncertainty exceeds `max_uncertainty` counts as a loss of the eyes. A time without
     polls in which a product may have passed also counts as a loss. The last product covered each
     eye for a certain time. The longest allowed time without polls is the shorter of these two
-    times, but at least twice `max_uncertainty` and at most `longest_gap`. `delay` is the time from
-    an edge to the first poll that can show it.
+    times, but at least twice `max_uncertainty` and at most `longest_gap`. Before the first product
+    it is `longest_gap`. `delay` is the time from an edge to the first poll that can show it.
     """
 
     def __init__(self, max_uncertainty: int, longest_gap: int, delay: int) -> None:

@@ -83,7 +83,10 @@ class MachineOutputs:
 
     @property
     def ready(self) -> bool:
-        """Whether the outputs can be switched. Also true if the machine has no outputs."""
+        """Whether the outputs can be switched.
+
+        Also true before `open`, and if the machine has no outputs.
+        """
         return not self._port_trouble
 
     def trouble_with(self, source: str) -> str:

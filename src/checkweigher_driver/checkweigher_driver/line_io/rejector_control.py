@@ -253,7 +253,11 @@ class RejectorControl:
         self.motion.measured = None
 
     def switched(self, before: Levels, after: Levels, due: Switches, begun: int, done: int) -> None:
-        """Report the outputs that were switched too late. Switching took from `begun` to `done`."""
+        """Report missed products if outputs were switched too late, which stops the line.
+
+        The outputs were switched from the levels `before` to the levels `after` between times
+        `begun` and `done`. `due` contains the times at which they had to be switched.
+        """
         for text in self._switching.add(before, after, due, begun, done):
             self.missed.add(text)
 

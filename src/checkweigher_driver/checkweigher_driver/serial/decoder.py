@@ -15,7 +15,7 @@ class Decoded:
 
     counts: NDArray[np.int32]
     overflow: NDArray[np.bool_]  # whether the device reports an overflow of converter or scale
-    lost: NDArray[np.int64]  # number of readings that were lost before each reading
+    lost: NDArray[np.int64]  # number of readings lost between each reading and the one before it
 
 
 class Decoder(ABC):

@@ -33,7 +33,8 @@ TRAILERS = ('auto', 'crlf', 'none')
 _WITH_TRAILER, _WITHOUT = 6, 4
 # Number of consecutive valid frames that are needed to accept a place.
 _RUN = 5
-# Changes are much smaller than others if 8 times their sum plus 64 counts is below the other sum.
+# The changes at one place are much smaller than those at another place if 8 times their sum plus 64
+# counts is below the sum of the changes at the other place.
 _CLEARLY, _TINY = 8, 64
 _AHEAD = _WITH_TRAILER * (_RUN + 1) - 1  # number of bytes that are needed to find the frame size
 _OVERFLOW = 0b0111  # status bits of net, gross and converter overflow

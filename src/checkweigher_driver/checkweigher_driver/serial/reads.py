@@ -76,7 +76,7 @@ class ValueReader:
                 began, number = last_value, 0
             self.comes = True
             # The readings that still wait in the decoder have arrived after the last reading in
-            # `values`, one in each sample period. Subtract this time.
+            # `values`, one in each sample period. Subtract these sample periods.
             at = now - round(decoder.waiting * NANOSECONDS / self._rate)
             yield Read(values, at, len(data))
 

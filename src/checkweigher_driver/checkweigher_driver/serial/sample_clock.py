@@ -228,11 +228,11 @@ class SampleClock:
     def figures(self) -> dict[str, float]:
         """Return values for the diagnostics, by name.
 
-        ``clock drift ppm`` is the relative error of the sample period, and ``clock offset ms`` is
-        the distance of the stamps from the line. ``read jitter ms`` and ``latest read ms`` are the
-        mean and the maximum delay of a read in the last second. ``clock steps`` and ``clock
-        shifts`` count the new lines that differ from the line before by more than 20 ms, and by
-        20 ms or less.
+        ``clock drift ppm`` is the relative error of the nominal sample period, and ``clock offset
+        ms`` is the distance of the stamps from the line. ``read jitter ms`` and ``latest read ms``
+        are the mean and the maximum delay of the reads relative to the line in the last complete
+        second. ``clock steps`` and ``clock shifts`` count the new lines that differ from the line
+        before by more than 20 ms, and by 20 ms or less.
         """
         drift = offset = 0.0
         if self._fit is not None and self._out is not None:

@@ -15,11 +15,11 @@ from checkweigher_driver.line_io.rejector.belt_motion import BeltMotion
 # with one of the reasons in `_MAY_BE_TWO` are checked.
 _OTHER_TRAVEL = 0.2
 _MAY_BE_TWO = {Reason.DISTANCE_FAULT.value, Reason.EDGE_MISMATCH.value}
-# Longest travel time to the rejector in ns. If a reject time is further in the future, it is on the
-# clock of another computer.
+# Longest travel time to the rejector in ns. A reject time that is further in the future must be on
+# the clock of another computer.
 _FURTHEST = 600 * NANOSECONDS
-# If a verdict has one of these reasons, the belt may have been stopped during the passage of the
-# item, so its speed is unreliable.
+# If a verdict has one of these reasons, the belt may have stopped or changed its speed during the
+# passage of the item, so the arrival that was computed from the speed is unreliable.
 _SPEED_IN_DOUBT = {Reason.BELT_STOPPED.value, Reason.BELT_SPEED_CHANGED.value}
 _CLOCK_STEP = 5_000_000  # smallest detected step of the real-time clock, in ns
 

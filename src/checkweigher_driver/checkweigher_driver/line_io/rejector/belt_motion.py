@@ -8,9 +8,9 @@ from checkweigher_driver.line_io.rejector.reject_pulses import BeltTime
 class BeltMotion:
     """Motion of the belt. Times are in ns on the monotonic clock.
 
-    `measured` is the state of the belt input, or None without a belt input. `released` is true if
-    the belt may have run since it was known to be empty. After `watchdog_time` without a heartbeat
-    the machine stops its belt by itself.
+    `measured` is whether the belt runs according to the belt input, or None if there is no belt
+    input or it cannot be read. `released` is true if the belt may have run since it was known to be
+    empty. After `watchdog_time` without a heartbeat the machine stops its belt by itself.
     """
 
     def __init__(self, watchdog_time: int) -> None:

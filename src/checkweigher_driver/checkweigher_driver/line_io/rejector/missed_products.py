@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Products that the rejector may have missed, which stop the line until a person has looked."""
+"""Products that may have been missed, which stop the line until a person has looked for them."""
 
 _MAX_MISSED = 3  # largest number of products whose messages are kept
 _MORE = 'and others'

@@ -58,7 +58,8 @@ class RunPermission:
     def _end_silence(self) -> None:
         """Add the stop request from before a silence of the node reject to the missed products.
 
-        Otherwise a restart of the node would cancel the stop request before a person has looked.
+        Otherwise a restart of the node would cancel the stop request before a person has looked for
+        the product.
         """
         if self._silent and self._asked:
             self._missed.add(self._asked)

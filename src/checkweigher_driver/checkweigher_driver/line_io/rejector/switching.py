@@ -7,7 +7,11 @@ from typing import NamedTuple
 
 
 class Levels(NamedTuple):
-    """Levels of the outputs: rejector, stop, permit to pass the rejector, and each station."""
+    """Levels of the outputs: rejector, stop, permit to pass the rejector, and each station.
+
+    A level is true while the rejector or the station acts, while the line has to stop, or while a
+    permit is given.
+    """
 
     reject: bool
     stop: bool
