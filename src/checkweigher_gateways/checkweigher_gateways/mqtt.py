@@ -63,6 +63,7 @@ class MqttGateway(Gateway):
         self._client: Client | None = None
         self._edge: EdgeNode | None = None
         self._asked = False  # whether the broker may have the will of the edge node
+        self._password: str | None = None
         self._trouble = 'not connected yet'
         self._retry_at = 0.0  # monotonic time in s of the next attempt to connect
         self._ready_at = math.inf  # monotonic time in s from which items may be sent
@@ -79,15 +80,21 @@ class MqttGateway(Gateway):
         """Open the store, and connect to the broker in the background.
 
         Returns the URL of the broker with the first levels of the topics. Raises `GatewayError` if
-        the store or the certificates cannot be used.
+        the store, the certificates or the file of the password cannot be used.
         """
         its = self._settings
         path = Path(its.store) if its.store else state_file(f'gateway_mqtt.{self._node}.sqlite')
         try:
             self._store = Store(path, its.limit)
-            self._tls = self._context()
         except Exception as error:
             raise GatewayError(f'mqtt: {path}: {one_line(error)}') from None
+        try:
+            self._tls = self._context()
+            if its.password_file:
+                self._password = Path(its.password_file).read_text(encoding='utf-8').strip()
+        except Exception as error:
+            what = 'authority, certificate, key or password_file'
+            raise GatewayError(f'mqtt: {what}: {one_line(error)}') from None
         self._connect()
         return f'mqtt{"s" * (self._tls is not None)}://{its.host}:{its.port}/{self._root}'
 
@@ -107,8 +114,7 @@ class MqttGateway(Gateway):
         if self._tls is not None:
             client.tls_set_context(self._tls)
         if its.user:
-            password = Path(its.password_file).read_text().strip() if its.password_file else None
-            client.username_pw_set(its.user, password)
+            client.username_pw_set(its.user, self._password)
         if its.site:
             if self._edge is None or self._asked:
                 number = self._store.next_number('bdSeq', NUMBERS)

@@ -18,6 +18,7 @@ from running import wait_for
 
 from checkweigher_core.health.findings import Level
 from checkweigher_core.records import Verdict
+from checkweigher_gateways.gateway import GatewayError
 from checkweigher_gateways.mqtt import make
 from checkweigher_gateways.settings import GatewaySettings, MqttSettings
 
@@ -125,6 +126,13 @@ def test_each_item_comes_once_though_the_gateway_is_cut_off_and_killed(
         assert sequence == sorted(sequence)
         assert len(set(sequence)) == 3  # a birth that was asked for keeps its number
         host.check_sequences()
+
+
+def test_a_file_of_a_password_that_cannot_be_read_is_named(tmp_path: Path):
+    password, store = str(tmp_path / 'none'), str(tmp_path / 'store')
+    settings = MqttSettings(user='line', password_file=password, store=store)
+    with pytest.raises(GatewayError, match=r'mqtt: .* password_file: .*/none'):
+        asyncio.run(make(GatewaySettings(mqtt=settings)).start())
 
 
 async def _turned(settings: MqttSettings, done: Callable[[], object]) -> tuple[Level, str]:
