@@ -17,11 +17,11 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from checkweigher_core.whole_file import check_new, write_whole
 
-_VALID = timedelta(days=825)  # longest validity that browsers accept for a self-signed certificate
+_VALID = timedelta(days=825)  # validity of the certificate, the longest that Safari accepts
 
 
 class CertificateError(ValueError):
-    """Raised if a certificate or key cannot be used. The message is one line."""
+    """Raised if a certificate, its key or a name in it cannot be used. The message is one line."""
 
 
 def make_certificate(names: Sequence[str], certificate: Path, key: Path) -> str:
@@ -66,7 +66,12 @@ def _name(text: str) -> x509.GeneralName:
 
 
 def check_pair(certificate: Path, key: Path) -> None:
-    """Raise `CertificateError` if a server cannot use a certificate and its private key."""
+    """Check that a server can use a certificate and its private key.
+
+    Raises `CertificateError` if a file cannot be read, if the permissions of the key let other
+    users access it, or if the files are not a certificate and its key in PEM format without a
+    password.
+    """
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     for path in (certificate, key):
         try:

@@ -22,7 +22,7 @@ from checkweigher_web.access.users import Role, UserFile, default_users
 
 # The policy allows unsafe-inline and unsafe-eval, because NiceGUI writes scripts and styles into
 # its pages and compiles Vue templates in the browser. The policy forbids scripts in attributes of
-# elements, and any exchange of data with other sites.
+# elements, files from other sites, connections and forms to other sites, and frames around a page.
 _POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; "
     "script-src-attr 'none'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
@@ -47,7 +47,8 @@ LOGIN, LOGOUT, STYLE = '/login', '/logout', '/page.css'
 _PUBLIC = (LOGIN, STYLE, '/favicon.ico')
 _ASSETS, _SOCKET = '/_nicegui/', '/_nicegui_ws/'
 _SESSION = 'checkweigher.session'  # key of the session identifier in the scope of a request
-_UNANSWERED = 'No response returned.'  # message of Starlette after the browser has disconnected
+# Message of the RuntimeError that Starlette raises if the browser disconnects before the response.
+_UNANSWERED = 'No response returned.'
 
 
 class Access:
@@ -61,7 +62,8 @@ class Access:
         # Browsers send a cookie to all ports of a host, so the cookie name contains the port.
         self.cookie = f'{"__Host-" if site.secure else ""}checkweigher-{site.port}'
         self._first_code = secrets.token_hex(5)
-        self._ended: set[str] = set()  # pages without a session at the last call of `expel`
+        # Identifiers of the pages that were no longer to be shown at the last call of `expel`.
+        self._ended: set[str] = set()
 
     @property
     def first_code(self) -> str:
@@ -76,7 +78,12 @@ class Access:
         return self.sessions.find(_identifier(client))
 
     def role_of(self, client: Client) -> Role | None:
-        """Return the present role of the user of a page, or None if the page must not be shown."""
+        """Return the present role of the user of a page, or None if the page must not be shown.
+
+        A page that was loaded without a session has the role VIEWER if the site is open. It must
+        not be shown otherwise. A page that was loaded with a session must not be shown after the
+        end of the session.
+        """
         if (session := self.session_of(client)) is not None:
             return session.user.role
         return Role.VIEWER if self.site.open and not _identifier(client) else None
@@ -108,6 +115,10 @@ def _identifier(client: Client) -> str:
 
 class Guard:
     """ASGI application that passes requests on to another application, or refuses them.
+
+    A request needs a session, unless the site is open, or the request is for the login, a style
+    sheet or another file that anybody may read. A request to read a page without a session is
+    redirected to the login.
 
     Another web site could point its own host name to this machine and let a browser open the page
     under this name, or it could open a socket to the page. Such requests are refused, so that the
@@ -148,7 +159,10 @@ class Guard:
                 raise
 
     def _foreign(self, connection: HTTPConnection, *, reads: bool) -> Response | None:
-        """Return an error response if the host or origin of a request is another site, or None."""
+        """Return an error response to a request for another host or from another site, or None.
+
+        Returns None if the site may answer the request. `reads` is true for a GET or HEAD request.
+        """
         site, host = self._access.site, connection.headers.get('host', '')
         if not site.serves(host):
             return Response('this page is not served by this name', 421)
@@ -175,8 +189,9 @@ class Guard:
 def _bound(scope: Scope, identifier: str) -> Scope:
     """Return a copy of the scope of a request, with the identifier of its session.
 
-    If a socket names the page of another session, the name in the scope is replaced by that of an
-    unknown page. NiceGUI then refuses the socket, and the browser reloads the page.
+    `identifier` is '' for a request without a session. If a socket names the page of another
+    session, the name in the scope is replaced by that of an unknown page. NiceGUI then refuses the
+    socket, and the browser reloads the page.
     """
     scope = {**scope, _SESSION: identifier}
     if scope['path'].startswith(_SOCKET):

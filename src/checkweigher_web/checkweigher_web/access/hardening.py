@@ -42,7 +42,7 @@ class PromptProtocol(HttpToolsProtocol):
 
 
 class LineHandler(logging.Handler):
-    """Log handler that writes each record as one line, and at most one line per second.
+    """Log handler that writes a record as one line, and drops records within 1 s of this line.
 
     Without this handler, malformed input could fill the log, because the server libraries log it
     with its line ends and with tracebacks.
@@ -53,7 +53,10 @@ class LineHandler(logging.Handler):
         self._log = get_logger('page')
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Write a log record as one line, or drop it within a second of the previous line."""
+        """Write a log record as one line, unless the previous line is less than 1 s old.
+
+        The line for an exception contains its type, its message, and its innermost stack frames.
+        """
         text = record.getMessage()
         if record.exc_info and (error := record.exc_info[1]):
             frames = traceback.extract_tb(error.__traceback__)[: -_PLACES - 1 : -1]

@@ -73,7 +73,7 @@ class _Forms:
     def __init__(self, access: Access) -> None:
         self._access = access
         self._log = get_logger('page')
-        self._turn = asyncio.Lock()  # one password check at a time: it takes 64 MiB
+        self._turn = asyncio.Lock()  # one password check at a time, because each takes 64 MiB
         self._form_cookie = f'{access.cookie}-form'
         self._cookie: dict[str, Any] = {
             'httponly': True,
@@ -120,7 +120,10 @@ class _Forms:
         return answer
 
     async def log_in(self, request: Request) -> Response:
-        """Begin a session, or return the form with the reason of the refusal."""
+        """Log a user in and redirect to the page, or return the form with the reason of a refusal.
+
+        A form with the code for the first user adds this user before the login.
+        """
         given = await _fields(request)
         if not _same(given.get('token', ''), request.cookies.get(self._form_cookie, '')):
             text = Text('This form was too old or not of this page: try again.')
@@ -174,7 +177,10 @@ class _Forms:
         return user, ''
 
     async def log_out(self, request: Request) -> Response:
-        """End the session, and redirect to the login form."""
+        """End the session, and redirect to the login form.
+
+        If the form lacks the token of the session, returns an error response and keeps the session.
+        """
         identifier = request.cookies.get(self._access.cookie, '')
         session, given = self._access.sessions.find(identifier), await _fields(request)
         if session is not None:

@@ -67,5 +67,9 @@ class Sessions:
 
 
 def _rights(user: User | None) -> tuple[Role, str] | None:
-    """Return the role and the password hash, but not the keys, which a signature may change."""
+    """Return the role and the password hash of a user, or None without a user.
+
+    A change of these values ends the sessions of the user. They do not include the keys, because
+    the first signature adds a key.
+    """
     return (user.role, user.hash) if user else None

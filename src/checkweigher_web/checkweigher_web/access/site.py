@@ -15,12 +15,16 @@ from checkweigher_web.access.users import default_users, read_users
 
 
 class PageError(ValueError):
-    """Raised if the page cannot be served. The message is one line with a reason and a remedy."""
+    """Raised if the page cannot be served. The message is one line with the reason."""
 
 
 @dataclass(frozen=True)
 class Site:
-    """Address, certificate and users of the page, and its address behind a reverse proxy."""
+    """Settings of the web server: address, TLS certificate, users, reverse proxy and idle time.
+
+    Without a certificate and its key, the server uses HTTP. Without a users file, the file is
+    `default_users()`.
+    """
 
     host: str = ADDRESS
     port: int = PORT
@@ -32,7 +36,7 @@ class Site:
 
     @property
     def loopback(self) -> bool:
-        """Whether the page can be reached only from this machine."""
+        """Whether the server listens on a loopback address, which other machines cannot reach."""
         return self.host == 'localhost' or _is_loopback(self.host)
 
     @property
@@ -47,7 +51,10 @@ class Site:
 
     @property
     def address(self) -> str:
-        """Address of the page, followed by its address at the reverse proxy if there is one."""
+        """Address of the page, followed by its address at the reverse proxy if there is one.
+
+        The address contains the name of this machine if the server listens on all its addresses.
+        """
         host = gethostname() if self.host in ('0.0.0.0', '::') else self.host
         host = f'[{host}]' if ':' in host else host
         scheme = 'http' if self.certificate is None else 'https'
@@ -99,7 +106,10 @@ def _is_loopback(host: str) -> bool:
 
 
 def _origin(given: str) -> str:
-    """Return an origin in the form that browsers send, or raise `PageError`."""
+    """Return an origin in the form that browsers send, or '' if none is given.
+
+    Raises `PageError` if the origin is not https://NAME or https://NAME:PORT.
+    """
     if not given:
         return ''
     parts = urlsplit(given.lower())

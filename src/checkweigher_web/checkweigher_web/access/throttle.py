@@ -18,19 +18,20 @@ def keys_of(account: str, address: str) -> tuple[str, str]:
 class Throttle:
     """Waiting times after successive failures of a key, which is an account or an address.
 
-    The time is 1 s after the third failure, and doubles with each further failure up to 5 min. A
-    login resets the failures of its account, and also those of its address, because all users at
-    the belt share one address. The failures of other accounts still count. Otherwise, a user who
-    guesses the passwords of other users could reset their waiting times by a login. `clock` returns
-    the time in s.
+    The time is 1 s after the third failure, and doubles with each further failure up to 5 min. The
+    count of failures restarts after 1 h without a failure. A login resets the failures of its
+    account, and also those of its address, because all users at the belt share one address. The
+    failures of other accounts still count. Otherwise, a user who guesses the passwords of other
+    users could reset their waiting times by a login. `clock` returns the time in s.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        self._failures: dict[str, tuple[int, float]] = {}  # failure count, time of the latest in s
+        # Number of failures, and time of the latest failure in s, by key.
+        self._failures: dict[str, tuple[int, float]] = {}
 
     def wait(self, *keys: str) -> float:
-        """Return the time in s until the next attempt with these keys is allowed."""
+        """Return the time in s until the next attempt with all of these keys is allowed, or 0."""
         now = self._clock()
         return max(0.0, *(self._until(key) - now for key in keys))
 
@@ -46,6 +47,6 @@ class Throttle:
             self._failures[key] = (1 if now - last > _FORGOTTEN else min(count + 1, 64)), now
 
     def forget(self, *keys: str) -> None:
-        """Reset the failures of the keys of a login."""
+        """Reset the failures of each key after a successful login."""
         for key in keys:
             self._failures.pop(key, None)

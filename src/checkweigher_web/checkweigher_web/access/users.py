@@ -48,7 +48,10 @@ ROLES = tuple(role.name.lower() for role in Role)
 
 
 class UsersError(SettingsError):
-    """Raised if a user or the users file is not valid. The message is one line."""
+    """Raised if a user, a password, a change of users or the users file is not valid.
+
+    The message is one line.
+    """
 
 
 @dataclass(frozen=True)
@@ -77,6 +80,7 @@ def signing_key(path: Path, user: User, password: str) -> Ed25519PrivateKey:
     """Derive the private key for signatures of a user from the password, and return the key.
 
     A new password gives a new key. The first call for a key adds its public key to the users file.
+    Raises the errors of `read_users` and `write_users`.
     """
     salt = hashlib.sha256(f'checkweigher signature {user.hash}'.encode()).digest()[:16]
     secret = unicodedata.normalize('NFC', password).encode()
@@ -97,7 +101,7 @@ class WrongPasswordError(SigningError):
 
 
 def least_role(meaning: str) -> Role:
-    """Return the lowest role whose users may sign with a meaning."""
+    """Return the lowest role of a user who may sign with a meaning, such as RELEASE."""
     return Role.TECHNICIAN if meaning == RELEASE else Role.OPERATOR
 
 
@@ -105,7 +109,7 @@ def sign_by(path: Path, user: User, password: str, what: Signable, meaning: str)
     """Sign a record for a user who has entered the password again, and return the signature.
 
     Raises `SigningError` if the role is too low, the password is wrong, or another person must
-    sign first.
+    sign first. Raises the errors of `signing_key`.
     """
     if user.role < least_role(meaning):
         raise SigningError(f'{user.name}: a {meaning} needs a {least_role(meaning).name.lower()}')
@@ -116,18 +120,21 @@ def sign_by(path: Path, user: User, password: str, what: Signable, meaning: str)
 
 
 def default_users() -> Path:
-    """Return the default path of the users file, which is in the user's configuration folder."""
+    """Return the default path of the users file, ``$XDG_CONFIG_HOME/checkweigher/users``.
+
+    The folder is ``~/.config/checkweigher`` if ``XDG_CONFIG_HOME`` is not an absolute path.
+    """
     given = Path(os.environ.get('XDG_CONFIG_HOME', ''))
     return (given if given.is_absolute() else Path.home() / '.config') / 'checkweigher/users'
 
 
 def account_name(given: str) -> str:
-    """Return the normalised name of an account from the name in a login form."""
+    """Return the name in a login form in Unicode form NFC, without characters after the 64th."""
     return unicodedata.normalize('NFC', given)[:64]
 
 
 def check_name(name: str) -> str:
-    """Return the normalised name of a user, or raise `UsersError` if the name is not valid."""
+    """Return the name of a user in Unicode form NFC. Raises `UsersError` for an invalid name."""
     name = unicodedata.normalize('NFC', name)
     if not re.fullmatch(r'[\w@-][\w.@-]{0,63}', name):
         rule = 'a name has up to 64 letters, digits, "_", "-", "@" and "." (not as the first)'
@@ -136,7 +143,11 @@ def check_name(name: str) -> str:
 
 
 def hash_password(name: str, password: str) -> str:
-    """Return the hash of a new password, or raise `UsersError` if the password is not allowed."""
+    """Return the argon2 hash of a new password.
+
+    Raises `UsersError` if the number of characters is not in `SHORTEST`..`LONGEST`, or if the
+    password is the user name, in upper or lower case.
+    """
     if not SHORTEST <= len(password) <= LONGEST:
         raise UsersError(
             f'the password of {name} has {len(password)} characters: it must have {SHORTEST} to '
@@ -163,7 +174,8 @@ class UsersFile(Settings):
 def read_users(path: Path) -> dict[str, User]:
     """Return the users of a file by name.
 
-    Raises `SettingsError` if the file does not exist, is not valid, or is accessible to others.
+    Raises `SettingsError` if the file does not exist, cannot be read, is not valid, or is
+    accessible to other users of this machine.
     """
     return dict(_read(path).users or {})
 
@@ -220,7 +232,8 @@ def changing_users(path: Path) -> Iterator[None]:
     """Lock a users file during a block that reads and writes it.
 
     Creates the folder of the file if it is missing and `path` is `default_users()`. Raises
-    `OutputError` if the folder of another file does not exist.
+    `OutputError` if the folder does not exist otherwise, if it cannot be created or locked, or if
+    the block raises OSError.
     """
     try:
         if path == default_users():
@@ -232,7 +245,7 @@ def changing_users(path: Path) -> Iterator[None]:
 
 
 def add_first_user(path: Path, name: str, password: str) -> User:
-    """Write a users file with its first user, who is a technician.
+    """Write a users file with its first user, who is a technician, and return this user.
 
     Raises `UsersError` if there are users already, or if the name or password is not allowed,
     `SettingsError` if the file is not valid, and `OutputError` if it cannot be written.
@@ -246,10 +259,10 @@ def add_first_user(path: Path, name: str, password: str) -> User:
 
 
 def check_user(path: Path, name: str, *, exists: bool = True) -> str:
-    """Check that a user exists, or does not exist, and return the normalised name.
+    """Check that a user exists, or does not exist if `exists` is false, and return the name.
 
-    Raises `UsersError` if the check fails or the name is not valid, and `SettingsError` if the
-    users file is not valid.
+    The returned name is in Unicode form NFC. Raises `UsersError` if the check fails or the name is
+    not valid, and `SettingsError` if the users file is not valid.
     """
     name = check_name(name)
     _of_change(path, name, exists=exists)
@@ -306,7 +319,8 @@ def _users_at(path: Path, *state: int) -> dict[str, User]:
 class UserFile:
     """Users of a file that may change while the page is served.
 
-    A file that cannot be read counts as a file without users, because they may have been removed.
+    A file that cannot be read or is not valid counts as a file without users, which ends all
+    sessions.
     """
 
     def __init__(self, path: Path) -> None:
@@ -317,7 +331,10 @@ class UserFile:
         return self.now().get(unicodedata.normalize('NFC', name))
 
     def now(self) -> dict[str, User]:
-        """Return the users that the file contains at present, by name."""
+        """Return the users that the file contains at present, by name.
+
+        Returns an empty dict if the file does not exist, cannot be read, or is not valid.
+        """
         try:
             status = os.stat(self.path)
             state = status.st_mtime_ns, status.st_size, status.st_ino, status.st_mode
