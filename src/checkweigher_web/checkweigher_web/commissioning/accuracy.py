@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Accuracy of trained estimators, with a row for each estimator and a column for each speed."""
+"""Table of the accuracy of estimators, with a row per estimator and a column per belt speed."""
 
 from collections.abc import Sequence
 import math
@@ -17,7 +17,7 @@ class Matrix(NamedTuple):
     """Table of the accuracy on held-out passes, and lines of text on the effect of training."""
 
     heads: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]  # the chosen estimator first, the others by accuracy
+    rows: tuple[tuple[str, ...], ...]  # the chosen estimator first, then the most accurate ones
     changes: tuple[str, ...]
 
 
@@ -56,7 +56,11 @@ def _changes(
     reason: str,
     say: Language,
 ) -> tuple[str, ...]:
-    """Return a line per speed with the accuracy now and after training, and one for the choice."""
+    """Return a line per speed with the accuracy now and after training, and one for the choice.
+
+    If training does not improve the accuracy clearly, a single line says so. Without estimators,
+    there are no lines.
+    """
     if not names:
         return ()
     best = names[0]

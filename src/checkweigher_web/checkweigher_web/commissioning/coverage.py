@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Masses and belt speeds of the recorded passes, and those that training needs besides."""
+"""Masses and belt speeds of the recorded passes, and the loads that these passes do not cover."""
 
 import asyncio
 from collections.abc import Iterable, Iterator, Sequence
@@ -23,11 +23,11 @@ from checkweigher_web.languages.language import Mass, Text
 from checkweigher_web.work.services import LaneServices
 
 # Largest ratio of a weighed mass to the heaviest recorded one, and of the lightest recorded mass to
-# a weighed one. On simulated machines, `learned` trained on 150 g alone has mean errors of at most
-# 0.06 g from 50 to 225 g, but up to 0.12 g at 300 g and 0.42 g at 500 g.
+# a weighed one. On simulated machines, the estimator `learned`, trained on 150 g alone, has mean
+# errors of at most 0.06 g from 50 to 225 g, but up to 0.12 g at 300 g and 0.42 g at 500 g.
 _HEAVIER, _LIGHTER = 1.5, 3.0
-_SAME_SPEED = 0.03  # largest relative distance of a speed from the recorded ones
-_MANY = 1000  # maximum number of bags whose passes are remembered
+_SAME_SPEED = 0.03  # largest relative difference between speeds that count as equal
+_MANY = 1000  # maximum number of bags whose passes are cached
 
 _REASON = Text(
     'Record passes of these masses at these speeds, too, and then train. A heavier product swings '
@@ -47,13 +47,16 @@ class Recorded(NamedTuple):
 
 
 async def recorded(services: LaneServices) -> tuple[Recorded, ...]:
-    """Return the passes that a lane has recorded for its training, in the order of recording."""
+    """Return the passes that a lane has recorded for its training, in the order of recording.
+
+    Returns () if no message on the dynamic setting has arrived.
+    """
     said = services.setting
     return () if said is None else await asyncio.to_thread(passes_in, said.bags)
 
 
 def passes_in(bags: Iterable[str]) -> tuple[Recorded, ...]:
-    """Return the passes in bags, in the order of the bags. A bag that cannot be read has none."""
+    """Return the passes in bags, in the order of the bags. A bag that cannot be read is skipped."""
     found: list[Recorded] = []
     for bag in map(Path, bags):
         try:
@@ -65,7 +68,11 @@ def passes_in(bags: Iterable[str]) -> tuple[Recorded, ...]:
 
 @lru_cache(_MANY)
 def _recorded(bag: Path, changed: int) -> tuple[Recorded, ...]:
-    """Return the passes in a bag. The bag is read again if it was `changed` at another time."""
+    """Return one element with the passes in a bag, all of which have the same mass.
+
+    Returns () if the bag lacks the load cell, the reference masses or the edges of the outfeed eye.
+    `changed` is the time of the last change of the bag in ns, so that a changed bag is read again.
+    """
     topics = ports.LOAD_CELL_INFO, ports.PHOTO_EYES, ports.REFERENCE_MASS
     cells, edges, references = read_records(bag, *topics).values()
     times = np.array([each.stamp for each in references])
@@ -87,7 +94,11 @@ def usual_spacing(known: Iterable[Recorded]) -> float:
 
 
 def loads_of(plan: str) -> list[Load]:
-    """Return the loads that pass in a verification plan, or [] if the plan is not valid."""
+    """Return the speed and mass of each step of a plan in which a load passes over the belt.
+
+    Steps outside the range of speeds are left out, because their passes must be faults. Returns []
+    if the plan is not valid.
+    """
     try:
         steps = steps_of(read_plan(plan))
     except ParameterError:
@@ -100,11 +111,12 @@ def loads_of(plan: str) -> list[Load]:
 
 
 def not_covered(known: Sequence[Recorded], loads: Iterable[Load]) -> Iterator[Load]:
-    """Yield the lightest and the heaviest load at each speed, if the recorded passes lack it.
+    """Yield the lightest and the heaviest load at each speed, unless the passes cover this load.
 
-    A speed is covered between the recorded speeds, because training interpolates there. A mass is
-    covered if it is at most 1.5 times the heaviest recorded mass at the nearest speed, and at least
-    a third of the lightest one.
+    A speed is covered between the lowest and the highest recorded speed, and up to 3 % outside,
+    because training interpolates there. A mass is covered if it is at most 1.5 times the heaviest
+    recorded mass at the nearest recorded speed, and at least a third of the lightest one. Without
+    recorded passes, no load is covered.
     """
     masses: dict[float, set[float]] = {}
     for speed, mass in loads:
@@ -126,7 +138,10 @@ def _is_covered(known: Sequence[Recorded], speed: float, mass: float) -> bool:
 
 
 def lines_of(lacking: Iterable[Load]) -> list[Text]:
-    """Return a line for each load that the recorded passes do not cover, and one on the reason."""
+    """Return a line for each load in `lacking`, which is not covered, and a line on the reason.
+
+    Returns [] if all loads are covered.
+    """
     lines = [
         Text(
             'Not covered by the recorded passes: {mass} at {speed} m/min',

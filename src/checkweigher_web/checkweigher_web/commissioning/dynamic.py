@@ -36,7 +36,7 @@ _PHASES = {
 
 
 class DynamicStep(Step):
-    """Step that performs the dynamic setting, even after the user leaves the page."""
+    """Step of the dynamic setting. A recording or training continues after the user has left."""
 
     title = Text('Dynamic')
     to_do = Text(
@@ -49,8 +49,8 @@ class DynamicStep(Step):
     def _build(self) -> None:
         self._said: DynamicSetting | None = None
         self._known: tuple[Recorded, ...] = ()  # recorded passes
-        self._lacking: list[Text] = []  # lines on the passes that training needs besides
-        self._products: list[float] = []  # gross masses of the recipes in kg
+        self._lacking: list[Text] = []  # lines on the loads that the passes do not cover
+        self._products: list[float] = []  # nominal gross masses of the products in kg
         self._table: list[str] = []  # lines of the accuracy table on the page
         self._taken = False
         with ui.element('div').classes('fields'):
@@ -60,7 +60,7 @@ class DynamicStep(Step):
         self._bar = ui.linear_progress(0, show_value=False, size='1rem')
         named(self._bar.props('instant-feedback'), self.say('part that is done'))
         self._recorded = named(Lines().classes('lines'), self.say('recorded passes'))
-        self._recorded.props('tabindex=0')  # keys scroll a long list
+        self._recorded.props('tabindex=0')  # so that the arrow keys can scroll a long list
         self._doubts = named(Lines().classes('lines doubts'), self.say('not recorded yet'))
         self._changes = named(Lines().classes('lines changes'), self.say('now and after'))
         with scrolled('accuracy', self.say('accuracy')):
@@ -68,7 +68,11 @@ class DynamicStep(Step):
         self._show_table()
 
     def standing(self) -> Standing:
-        """Return whether trained parameters have been taken over, and a text on the state."""
+        """Return whether trained parameters have been taken over, and a text on the state.
+
+        The step is not done while passes are recorded, while the estimators are trained, or while
+        newly trained parameters have been neither taken over nor dropped.
+        """
         said = self.services.setting
         if said is None:
             return Standing(False, Text('not available: the line was started without a folder'))
@@ -104,7 +108,11 @@ class DynamicStep(Step):
             self._show_table()
 
     async def _show_coverage(self) -> None:
-        """Show what the recorded passes cover, and what will be weighed but is not recorded."""
+        """Show the recorded passes, and the loads to be weighed that these passes do not cover.
+
+        The loads are those of the verification plan, and those of the recipes at each recorded
+        speed.
+        """
         before, self._known = self._known, await recorded(self.services)
         if self._said is None or self._known != before:
             self._products = await self._masses_of_recipes()
@@ -126,7 +134,10 @@ class DynamicStep(Step):
         return [each.nominal + each.tare for each in known.values()]
 
     def _progress(self, said: DynamicSetting) -> tuple[float, str]:
-        """Return the completed fraction of an action, or NaN if none runs, and a text for it."""
+        """Return the completed fraction of the running action, and a text on it.
+
+        If no action runs, the fraction is NaN, and the text is '' or the reason of a failure.
+        """
         if said.state == DynamicSetting.RECORDING:
             text = Text(
                 '{count} of {wanted} passes of {mass}: let the product pass',
@@ -147,7 +158,10 @@ class DynamicStep(Step):
         return float(found.progress), text
 
     async def _trained(self) -> list[str]:
-        """Return the accuracy table of trained parameters that are not accepted yet, as lines."""
+        """Return the lines of the accuracy table of trained parameters that are not accepted yet.
+
+        Returns [] if there are no such parameters, or if the node does not answer.
+        """
         try:
             return (await self.services.message(ports.SHOW_TUNED)).splitlines()
         except ActionRefusedError:
@@ -232,7 +246,7 @@ class DynamicStep(Step):
     async def _drop(self) -> None:
         async def drop() -> str:
             now = self.services.setting
-            if now is None or self._works(now):  # The service would end it.
+            if now is None or self._works(now):  # The service would cancel the running action.
                 raise ActionRefusedError('busy')
             await self.services.message(ports.CANCEL_PASSES)
             return Text('dropped: the line keeps what it has')

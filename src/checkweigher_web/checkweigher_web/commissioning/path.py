@@ -21,7 +21,7 @@ from checkweigher_web.work.services import ActionRefusedError, LaneServices, Out
 _STYLE = STYLE.with_name('path.css')
 _PERIOD = 0.5  # s
 _AT_REST = 1e-4  # largest change of a load at rest within 1 s, in kg
-_MOVES = 100  # change of the load at which the stability bar is empty, in `_AT_REST`
+_MOVES = 100  # change of the load at which the stability bar is empty, in multiples of `_AT_REST`
 
 
 class CommissioningPath:
@@ -132,7 +132,10 @@ class _Tab:
 
 
 class _Button:
-    """Button at a fixed place, whose label and function are those of the present `Choice`."""
+    """Button at a fixed place, whose label and function are those of the present `Choice`.
+
+    The button is hidden while there is no choice for its place.
+    """
 
     def __init__(
         self,
@@ -170,7 +173,11 @@ class _Button:
 
 
 def _steadiness(change: float) -> float:
-    """Return the length, 0 to 1, of the stability bar for a change of the load in kg within 1 s."""
+    """Return the length of the stability bar for a change of the load in kg within 1 s.
+
+    The length is 1 for a load at rest. It is 0 if the change is NaN, or `_MOVES` times `_AT_REST`
+    or more.
+    """
     if math.isnan(change):
         return 0.0
     return max(1.0 - math.log(max(change / _AT_REST, 1.0), _MOVES), 0.0)

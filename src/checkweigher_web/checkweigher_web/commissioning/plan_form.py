@@ -55,7 +55,8 @@ _OF_MASS = (
     ('serial', Text('serial number')),
 )
 _NUMBERS = 'factor', 'passes'
-_SPACING = 1.0  # assumed distance in m from one product to the next
+# Distance in m from one product to the next if no passes were recorded.
+_SPACING = 1.0
 # Labels of the tests that a plan may omit, by the keys of their sections.
 TESTS = {
     'warm_up': Text('Warm-up'),
@@ -92,7 +93,9 @@ def chosen_tests(text: str) -> set[str]:
 def with_value(text: str, path: tuple[str, ...], value: str, say: Language = ENGLISH) -> str:
     """Return the text of a plan with a new value for a field. An empty value removes the key.
 
-    The value of a mass has the unit of `say`. The plan keeps g.
+    The value of a mass is in the unit of `say`, and is converted to g for the plan. A text instead
+    of a number is kept, and the check of the plan then refuses it. Raises `ParameterError` as
+    `fields_of` does.
     """
     plan = section = _sections(text)
     for key in path[:-1]:
@@ -105,10 +108,10 @@ def with_value(text: str, path: tuple[str, ...], value: str, say: Language = ENG
 
 
 def with_test(text: str, key: str, *, made: bool) -> str:
-    """Return the text of a plan with or without a test.
+    """Return the text of a plan with a test if `made` is true, otherwise without the test.
 
-    An added test is a copy of the test in the example plan, with the first load and the first speed
-    of this plan.
+    An added test is a copy of the test in the example plan, with the loads and the first speed of
+    this plan. Raises `ParameterError` as `fields_of` does.
     """
     plan = _sections(text)
     plan.pop(key, None)
@@ -187,7 +190,7 @@ def _three_digits(mass: float) -> Mass:
 
 
 def step_words(name: str) -> Text:
-    """Return the name of a verification step as plain text for the user."""
+    """Return the name of a verification step as plain text. An unknown name is not changed."""
     kind, _, rest = name.partition('_')
     first, _, last = rest.partition('_')
     match kind, first:

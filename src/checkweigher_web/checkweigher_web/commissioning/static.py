@@ -15,7 +15,7 @@ from checkweigher_web.work.services import LoadRead
 
 
 class StaticStep(Step):
-    """Step of the static calibration. The driver stores its readings until they are used."""
+    """Step of the static calibration. The driver stores the readings for the calibration."""
 
     title = Text('Static')
     to_do = Text(
@@ -36,7 +36,11 @@ class StaticStep(Step):
         self._table = Table(heads)
 
     def standing(self) -> Standing:
-        """Return whether a calibration was written, with its version or the number of readings."""
+        """Return whether the page has written a calibration, and a text with its version.
+
+        While there are readings that are not written, the step is not done, and the text contains
+        their number.
+        """
         readings = self.services.readings
         if readings:
             text = Text('{count} read, not written yet', count=len(readings))

@@ -80,7 +80,10 @@ class Step(ABC):
         """Show the present state in the elements of the step."""
 
     async def perform(self, what: str, action: Action) -> bool:
-        """Perform an action, show its outcome, and return whether it was done."""
+        """Perform an action for a technician, show its outcome, and return whether it was done.
+
+        `what` is the name of the action in the audit log.
+        """
         outcome = await self.desk.perform(Role.TECHNICIAN, what, action, self._reason())
         self.tell(outcome)
         return outcome.done

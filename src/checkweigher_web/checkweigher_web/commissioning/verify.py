@@ -61,7 +61,7 @@ _LONGEST_FILE = 4 * LONGEST  # number of bytes of a file that are read
 
 
 class VerifyStep(Step):
-    """Step that performs a verification, even after the user leaves the page."""
+    """Step of the verification, which continues after the user leaves the page."""
 
     title = Text('Verify')
     to_do = Text(
@@ -95,7 +95,10 @@ class VerifyStep(Step):
         self._show_text(EXAMPLE)
 
     def standing(self) -> Standing:
-        """Return the verdict of the last verification, or the progress if a verification runs."""
+        """Return whether the last verification has passed, and a text with its verdict.
+
+        While a verification runs, the step is not done, and the text contains the progress.
+        """
         said = self.services.verification
         if said is None:
             return Standing(False, Text('not available: the line was started without a folder'))
@@ -172,7 +175,7 @@ class VerifyStep(Step):
         self._table.show([self.say(step), told(to_do, self.say)] for step, to_do in rows)
 
     def _std_dev(self) -> float:
-        """Return the median standard deviation in kg of the latest items, or 0 if none is known."""
+        """Return the median standard deviation in kg of the latest masses, or 0 without masses."""
         estimates = (item.estimate for item in self.lane.items()[:_RECENT])
         known = [each.std_dev for each in estimates if each and math.isfinite(each.std_dev)]
         return median(known) if known else 0.0
@@ -180,7 +183,7 @@ class VerifyStep(Step):
     # Procedure
 
     async def update(self) -> None:
-        """Show the progress of the verification, and the plan when passes were recorded."""
+        """Show the progress of the verification, and check the plan again after new passes."""
         await self._show_recorded()
         said, before = self.services.verification, self._said
         if said is None or said is before:
@@ -219,7 +222,7 @@ class VerifyStep(Step):
             list_reports(self.lane.name, VERIFICATION, _made(path.parent for path in made))
 
     def _named(self) -> dict[str, str]:
-        """Return the labels of the plans from which the user can choose, by their keys."""
+        """Return the labels of the plans in the choice, by path, and that of the example plan."""
         return {**{path: path for path in self._paths}, str(_EXAMPLE): self.say(_EXAMPLE)}
 
     def primary(self) -> Choice:
@@ -232,7 +235,7 @@ class VerifyStep(Step):
         return Choice(Text('Make it'), make, said.state in _STATES)
 
     def others(self) -> tuple[Choice, ...]:
-        """Return the buttons that break off the verification, skip a step, and go on."""
+        """Return the buttons that end the verification, skip a step, and go on after a failure."""
         state = self._said.state if self._said else ProgressState.IDLE
         skipped = Text('skip step {step} of verification {name}')
         left = Text('go on after step {step} of verification {name}')

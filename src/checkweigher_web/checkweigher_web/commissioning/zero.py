@@ -28,7 +28,10 @@ class ZeroStep(Step):
         self._state.set_text(self.say('Zero: {state}', state=self.standing().text))
 
     def standing(self) -> Standing:
-        """Return whether a zero is known, with its time and its offset from the calibrated zero."""
+        """Return whether the zero was set, and a text with its time and its value.
+
+        The value is the mass by which the new zero differs from the zero of calibration.
+        """
         zero = self.lane.zero
         if zero is None:
             return Standing(False, Text('not set yet'))
