@@ -51,7 +51,10 @@ def figure(series: list[Options], x_name: str, y_name: str) -> Options:
 
 
 def legend(series: Iterable[Options]) -> Options:
-    """Return the legend of `series`, in which lines have the width and dash of the figure."""
+    """Return the legend of `series`, in which lines have the width and dash of the figure.
+
+    The legend is hidden if there are fewer than two series.
+    """
     data = [
         {'name': each['name'], 'itemStyle': {'opacity': int(each['type'] != 'line')}}
         for each in series
@@ -90,7 +93,10 @@ def symbols(name: str, x: NDArray[Any], y: NDArray[Any], symbol: str, size: int)
 
 
 def _points(x: NDArray[Any], y: NDArray[Any]) -> list[list[float]]:
-    """Return [x, y] pairs. y has 4 decimals, or 7 if no value exceeds 10, as for masses in kg."""
+    """Return [x, y] pairs, in which x has 4 decimals.
+
+    y also has 4 decimals, or 7 if no absolute value exceeds 10, because y may be a mass in kg.
+    """
     largest = np.nanmax(np.abs(y), initial=0.0)
     return np.column_stack([x.round(4), y.round(4 if largest > 10 else 7)]).tolist()
 
@@ -106,7 +112,10 @@ def red_areas(spans: Iterable[tuple[str, float, float]]) -> Options:
 
 
 def mark_lines(places: Mapping[str, float], axis: str = 'xAxis') -> Options:
-    """Return labelled dotted lines across a figure. `places` maps labels to axis positions."""
+    """Return labelled dotted lines across a figure. `places` maps labels to axis positions.
+
+    `axis` is 'xAxis' for vertical lines, and 'yAxis' for horizontal lines.
+    """
     return {
         'symbol': 'none',
         'silent': True,

@@ -34,7 +34,7 @@ class Made:
 
 
 class Drawing(Made):
-    """Cache of the figures and tables of a lane."""
+    """Cache of the figures and tables of a lane or a recorded shift."""
 
     def __init__(self, lane: Lane | Shift) -> None:
         super().__init__()

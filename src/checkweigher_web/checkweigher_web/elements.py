@@ -45,21 +45,25 @@ def panel(title: str, name: str = '') -> Element:
 
 
 def scrolled(name: str, label: str) -> Element:
-    """Add a container of CSS class `name` that the keyboard can scroll, and return it."""
+    """Add a container of CSS class `name` that the keyboard can scroll, and return it.
+
+    Screen readers read `label` as the name of the container.
+    """
     return named(ui.element('div').classes(name).props('role=group tabindex=0'), label)
 
 
 def heading(text: str) -> Element:
-    """Add the main heading of a page."""
+    """Add the main heading of a page, and return it."""
     label = ui.label(text).classes('title')
     label.tag = 'h1'
     return label
 
 
 def text_file_input(label: str, longest: int, take: Callable[[str], object]) -> Element:
-    """Add an input for a text file, and call `take` with the text in its first `longest` bytes.
+    """Add an input for a text file, and return it.
 
-    The browser does not read the rest of a longer file.
+    When the user chooses a file, the input calls `take` with the text in the first `longest` bytes
+    of the file. The browser does not read the rest of a longer file.
     """
     read = f'(event) => event.target.files[0]?.slice(0, {longest}).text().then(t => emit(t))'
     found = named(ui.element('input').props('type=file'), label)
@@ -129,7 +133,7 @@ class Figure(_FromText, ui.echart, component='figure.js'):
 
 
 class ItemList(_FromText, component='items.js'):
-    """List of items, which calls `choose` with the key of a row that the viewer has chosen.
+    """List of items, recipes or users, which calls `choose` with the key of a row that is clicked.
 
     Screen readers read `verb` before the first cell of a row.
     """
@@ -157,9 +161,10 @@ class Lines(_FromText, component='lines.js'):
 
 
 class Pulse(ui.element, component='pulse.js'):
-    """Element that shows the age of the page, compares the clocks, and sets the theme.
+    """Element that warns if the page is out of date or the clocks differ, and sets the theme.
 
-    The browser greys the page if no heartbeat of the server arrives for 3 s.
+    The browser greys the page if the state that it shows is more than 3 s old, because the lane is
+    silent or no heartbeat of the server arrives.
     """
 
     def __init__(self, say: Language) -> None:

@@ -84,7 +84,7 @@ def header(
 
 
 def page_language() -> Language:
-    """Return the language and unit of the viewer, and set the language of the page."""
+    """Return the language and unit of the viewer, and set the language and title of the page."""
     client = ui.context.client
     say = language_of(client.request.headers, client.request.cookies)
     # Copy the page object of NiceGUI, because all viewers share it and it has only one language.

@@ -54,8 +54,9 @@ def history_of(
 ) -> History:
     """Return the history of items, each of which is given as its verdict and its zero in kg.
 
-    `noise` contains times in ns and standard deviations of the signal of the empty belt in g.
-    `changes` contains the changes that the verdicts do not show, such as actions of users.
+    An unknown zero is NaN. Items whose time is unknown are left out. `noise` contains times in ns
+    and standard deviations of the signal of the empty belt in g. `changes` contains the changes
+    that the verdicts do not show, such as actions of users.
     """
     timed = [each for each in items if each[0].time]
     verdicts = [verdict for verdict, _ in timed]
@@ -75,7 +76,11 @@ def _stamp_of(verdict: Verdict) -> int:
 
 
 def _changes(verdicts: list[Verdict]) -> Iterable[Change]:
-    """Yield the change between each two successive items: of product, else batch, else limits."""
+    """Yield the changes between successive items, each with the time of the later item in ns.
+
+    Only one change is yielded for an item: that of the product, otherwise that of the batch,
+    otherwise that of the limits.
+    """
     for one, other in pairwise(verdicts):
         if one.product != other.product:
             name = other.product or Text('none')

@@ -43,7 +43,8 @@ from checkweigher_web.raw_signal import RawSignal, Stretch
 # from 1 again after a restart.
 Key = tuple[int | None, int | None]
 MAX_ITEMS = 500  # maximum number of listed items
-_MAX_HOUR = 7200  # maximum number of verdicts, estimates and noise values, each for an hour
+# Maximum number of verdicts, of estimates and of noise values, which should suffice for an hour.
+_MAX_HOUR = 7200
 _MAX_WINDOWS = 50
 _MAX_OVER = 20  # maximum number of ended alarms
 _MAX_EDGES = 400
@@ -75,7 +76,11 @@ class Deed:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShownItem(NanEqual):
-    """Item as the page shows it. Values that have not arrived are None or NaN."""
+    """Item as the page shows it.
+
+    A value is None or NaN if it is unknown, has not arrived, or is no longer held. `window` and
+    `stretch` are None until `with_signals` adds them.
+    """
 
     verdict: Verdict
     estimate: MassEstimate | None = None
@@ -87,7 +92,7 @@ class ShownItem(NanEqual):
 
     @property
     def key(self) -> Key:
-        """Key of the item, which is unique if one of its times is known."""
+        """Key of the item, which is unique if t1 or t3 is known."""
         return _key(self.verdict)
 
     @property
@@ -103,7 +108,9 @@ class Lane:
     """Latest records of a lane, with the samples of the last `held` s.
 
     The ROS thread adds records, and the page thread reads them. `version` is increased by each
-    record other than samples and belt noise.
+    record other than samples and belt noise. `statistics`, `filler`, `load_cell` and `zero` are the
+    latest records of their type, or None if no such record has arrived. `stop` is None if no stop
+    request has arrived, or if it was withdrawn.
     """
 
     def __init__(self, name: str, held: float = SHOWN) -> None:
@@ -154,7 +161,7 @@ class Lane:
                     self.zero = record
                 case StopRequest() | None:
                     self.stop = record
-                case LoadCell():  # announces a new stream of samples: drop the previous one
+                case LoadCell():  # A new stream of samples begins, so drop the previous one.
                     self.load_cell = record
                     self._begin_stream()
                 case BeltNoise():  # Noise alone must not update the views each second.
@@ -227,7 +234,7 @@ class Lane:
             return [tuple(self._latest[kind]) for kind in kinds]
 
     def _signal(self) -> RawSignal | None:
-        """Return the samples and edges, or None if the load cell or the samples are not known."""
+        """Return the samples and edges, or None if no load cell or no samples have arrived."""
         with self._lock:
             cell, blocks, edges = self.load_cell, list(self._blocks), list(self._latest[EyeEdge])
         return RawSignal(cell, blocks, edges) if cell is not None and blocks else None
@@ -239,7 +246,10 @@ class Lane:
         return with_window(item, window, self._signal())
 
     def windows_before(self, item: ShownItem, count: int) -> list[WeighWindow]:
-        """Return the windows of at most `count` items of the same product before an item."""
+        """Return the windows of at most `count` items of the same product before an item.
+
+        The latest window is the last one. Windows without samples are left out.
+        """
         verdicts, windows = self._of(Verdict, WeighWindow)
         own = {_key(each) for each in verdicts[-MAX_ITEMS:] if each.product == item.verdict.product}
         end = max(item.times.values(), default=0)
@@ -249,7 +259,8 @@ class Lane:
     def empty_belt(self, item: ShownItem | None = None) -> NDArray[np.float64]:
         """Return the longest segment of the empty belt, shape (n,), in kg, minus its mean.
 
-        n is 0 if there are no samples. `item` is ignored, because only the latest samples are held.
+        The segment is within the last `SHOWN` s. n is 0 if there are no samples. `item` is ignored,
+        because only the latest samples are held.
         """
         signal = self._signal()
         if signal is None:
@@ -260,7 +271,8 @@ class Lane:
     def load(self) -> tuple[float, float]:
         """Return the present load on the belt and its range within the latest 1 s, in kg.
 
-        Both values are NaN if there are no samples.
+        The load is relative to the zero of calibration. Its range is the largest minus the smallest
+        mean of the `_PARTS` parts of this second. Both values are NaN if there are no samples.
         """
         signal = self._signal()
         if signal is None:
@@ -272,7 +284,11 @@ class Lane:
         return float(loads[len(loads) // 2 :].mean()), float(np.ptp(loads))
 
     def recording(self) -> Recording | None:
-        """Return the samples and edges of the time for which the lane holds both, or None."""
+        """Return the samples and edges of the time for which the lane holds both.
+
+        The recording also contains the known masses of this time. Returns None if there is no such
+        time.
+        """
         (references,) = self._of(Reference)
         signal = self._signal()
         if signal is None:
@@ -294,7 +310,11 @@ def is_within(verdict: Verdict, span: Span) -> bool:
 def joined(
     results: Iterable[tuple[Verdict, MassEstimate | None]], joiner: ResultJoiner
 ) -> Iterator[ShownItem]:
-    """Yield an item for each pair of verdict and estimate, in the order of the line."""
+    """Yield an item without signals for each pair of verdict and estimate, in the same order.
+
+    The pairs must be in the order of the items on the line, because the usual speed of an item is
+    that of the items before it.
+    """
     speed = math.nan
     for verdict, estimate in results:
         nothing = MassEstimate(verdict.item_id, verdict.t1, None, verdict.t3, verdict.reasons)
@@ -307,7 +327,8 @@ def joined(
 def with_window(item: ShownItem, window: WeighWindow | None, signal: RawSignal | None) -> ShownItem:
     """Return an item with its window.
 
-    The item also gets the raw samples around it if it is a fault or if its window is missing.
+    The item also gets the raw samples around it if it is a fault, or if its window is None or has
+    no samples. It gets no raw samples if they are not held, or if none of its times is known.
     """
     item = replace(item, window=window)
     weighed = item.verdict.decision != Decision.FAULT
@@ -319,7 +340,8 @@ def with_window(item: ShownItem, window: WeighWindow | None, signal: RawSignal |
 def _span_of(item: ShownItem, load_cell: LoadCell) -> tuple[int, int]:
     """Return the start and end in ns of the signal around an item.
 
-    If an eye missed the item, the time at that eye is computed from the usual belt speed.
+    If an eye missed the item, the time at that eye is computed from the usual belt speed, if this
+    speed is known.
     """
     times, speed = item.times.values(), item.usual_speed
     begin, end = min(times), max(times)

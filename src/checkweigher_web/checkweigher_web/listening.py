@@ -15,7 +15,7 @@ from checkweigher_core.ros.status_board import StatusBoard, number_of
 from checkweigher_web.lane import SHOWN, BeltNoise, Lane
 
 _LOOK_PERIOD = 0.5  # s
-_NOISE = 'segmenter: Belt noise'  # name of a diagnostic status, after the namespace
+_NOISE = 'segmenter: Belt noise'  # name of a diagnostic status, without the namespace of the lane
 
 
 class _Listener(PortNode):
@@ -26,7 +26,7 @@ class _Listener(PortNode):
 
 
 class Watch:
-    """Running lanes, which are found by their verdict topics.
+    """Running lanes, which are found by their verdict topics unless `namespace` is given.
 
     A thread looks for lanes, and subscribes to the signals of a lane while `viewers` returns a
     number above 0 for that lane. The thread is needed, because an executor cannot change its own
@@ -37,7 +37,7 @@ class Watch:
     lanes : dict of str to Lane
         Lanes by namespace, which may be ''. Lanes that have ended are included.
     board : StatusBoard
-        Diagnostics of all lanes.
+        Diagnostics of the watched lanes.
     only : str or None
         Namespace of the only lane that is watched, or None if all lanes are watched.
     """

@@ -25,7 +25,7 @@ class MassSeries:
     masses : tuple of float
         Masses in kg, in the order of the items.
     stamps : tuple of int
-        Times of the items in ns.
+        Times of the items in ns, or 0 for an unknown time.
     reference : tuple of float
         First masses in kg since the change of product or batch, which determine the limits of the
         control chart.
@@ -38,7 +38,10 @@ class MassSeries:
     reference: tuple[float, ...] = ()
 
     def with_item(self, verdict: Verdict) -> 'MassSeries':
-        """Return the series after the next item. Another product or batch begins a new series."""
+        """Return the series after the next item. Another product or batch begins a new series.
+
+        An item that is not accepted, or that has no mass, adds no mass to the series.
+        """
         same = (verdict.product, verdict.batch) == (self.product, self.batch)
         before = self if same else MassSeries(verdict.product, verdict.batch)
         if verdict.decision is not Decision.ACCEPT or not math.isfinite(verdict.mass):

@@ -49,11 +49,17 @@ class Overview(Made):
         self._watch = watch
 
     def views(self, say: Language = ENGLISH) -> list[LaneView]:
-        """Return a row for each lane with a verdict topic or diagnostics, the worst lane first."""
+        """Return a row for each lane with a verdict topic or diagnostics.
+
+        The lanes without diagnostics are first. After them, the worst lane is first.
+        """
         return self.each_second(('views', say), lambda: self._views(say))
 
     def only(self) -> str | None:
-        """Return the name of the lane if there is exactly one, otherwise None."""
+        """Return the namespace of the lane if there is exactly one, otherwise None.
+
+        Also returns None while only diagnostics of this lane have been received.
+        """
         names = [_name(row) for row in self._rows()]
         return names[0] if len(names) == 1 and names[0] in self._watch.lanes else None
 
@@ -92,7 +98,10 @@ def _view(row: LaneRow, lane: Lane | None, hosts: dict[str, set[str]], say: Lang
 
 
 def show_overview(lanes: Overview, say: Language) -> None:
-    """Show a row for each lane, and keep the rows up to date."""
+    """Show a row for each lane, and keep the rows up to date.
+
+    If there is exactly one lane, the browser reloads the page, which then shows this lane.
+    """
     ui.add_css(STYLE)
     with ui.element('div').classes('lanes'), panel(say('Lanes')):
         headline = ui.label('').classes('about')
@@ -100,7 +109,7 @@ def show_overview(lanes: Overview, say: Language) -> None:
 
     def update() -> None:
         if lanes.only() is not None:
-            ui.navigate.reload()  # Reloaded, the address shows the page of the only lane.
+            ui.navigate.reload()  # The same address then shows the page of the only lane.
         shown = lanes.views(say)
         headline.set_text(_headline(shown, say))
         table.show(view.cells for view in shown)
@@ -109,7 +118,7 @@ def show_overview(lanes: Overview, say: Language) -> None:
 
 
 def wait_for_lane(name: str, runs: Callable[[], bool], say: Language) -> None:
-    """Show that a lane does not run, and load its page as soon as it runs."""
+    """Show that a lane does not run, and load its page as soon as `runs` returns true."""
     ui.add_css(STYLE)
     with ui.element('div').classes('lanes'), panel(say('Lane')):
         text = Text('no lane {name} runs here; this page shows it as soon as it does')

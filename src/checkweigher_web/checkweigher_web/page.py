@@ -20,7 +20,10 @@ _PERIOD = 0.5  # period of the updates of the progress in s
 
 
 def show_lane(look: Look) -> Element:
-    """Show the views of a lane to one viewer, keep them up to date, and return their container."""
+    """Show the views of a lane or shift to a viewer, keep them current, and return their container.
+
+    A recorded shift, for which `look.board` is None, has other views than a running lane.
+    """
     ui.add_css(STYLE)
     live = look.board is not None
     with ui.element('div').classes('board') as board:

@@ -30,7 +30,10 @@ class RawSignal:
     edges: Sequence[EyeEdge]
 
     def between(self, begin: int, end: int) -> tuple[SampleBlock, ...]:
-        """Return the blocks that contain the samples from `begin` to `end` in ns."""
+        """Return the blocks that contain the samples from `begin` to `end` in ns.
+
+        The first and the last of these blocks may also contain samples outside this time.
+        """
         stamps = BlockColumns.of(self.blocks).stamps
         first = max(int(np.searchsorted(stamps, begin, 'right')) - 1, 0)
         return tuple(self.blocks[first : int(np.searchsorted(stamps, end, 'right'))])
@@ -66,7 +69,11 @@ class RawSignal:
 
 
 def longest_gap(edges: Iterable[EyeEdge], begin: int, end: int) -> tuple[int, int]:
-    """Return the start and end in ns of the longest time with an empty belt."""
+    """Return the start and end in ns of the longest time from `begin` to `end` with an empty belt.
+
+    The `edges` are in order of time, and include those before `begin`. The belt counts as empty
+    before the first edge. If it is never empty, the start and the end are equal.
+    """
     longest, since = (begin, begin), begin
     for edge in edges:
         if edge.eye == Eye.INFEED and edge.blocked:

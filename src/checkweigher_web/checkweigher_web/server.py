@@ -61,7 +61,7 @@ from checkweigher_web.work.services import Workshop
 
 HUNG = 30.0  # time in s after which the process ends if the event loop hangs
 _LOOK_PERIOD = 1.0  # s
-_PATIENCE = 15.0  # maximum time in s to wait for the nodes of a lane before the page is shown
+_PATIENCE = 15.0  # maximum time in s to build the page of commissioning, which waits for nodes
 _AWAY = 15.0  # time in s for which the server keeps the page of a browser that is offline
 _LARGEST_MESSAGE = 1 << 20  # maximum size of a message from a browser in bytes
 _REPORT = '/report'
@@ -87,9 +87,9 @@ def serve(
     namespace : str, optional
         Namespace of the only lane to show, by default all lanes.
     keep : Path, optional
-        Folder for the items that users keep.
+        Folder for the items that users keep. By default, users cannot keep items.
     trust : Ed25519PublicKey, optional
-        Key that verifies the seals of audit logs.
+        Public key that verifies the seals of audit logs. By default, seals are not verified.
 
     Raises
     ------
@@ -234,7 +234,7 @@ def _add_pages(
 
 
 def _wait(access: Access, watch: Watch, name: str) -> None:
-    """Show that the page waits for a lane."""
+    """Show that a lane does not run, and load its page as soon as the lane runs."""
     say = page_language()
     header(access, _title(name, say), say, others=lambda: True)
     wait_for_lane(name, lambda: name in watch.lanes, say)

@@ -136,26 +136,30 @@ class Shift:
     def empty_belt(self, item: ShownItem | None = None) -> NDArray[np.float64]:
         """Return the longest segment of the empty belt before `item`, shape (n,), minus its mean.
 
-        The segment is in kg. n is 0 if the time of the item is not known or samples are missing.
+        The segment is in kg, and within 20 s before the item. n is 0 if there is no item, if its
+        time is not known, or if there are no samples.
         """
         stamp = None if item is None else item.verdict.time
         return np.zeros(0) if stamp is None else self.signal.empty_belt(stamp - _BELT, stamp)
 
     def with_signals(self, item: ShownItem) -> ShownItem:
-        """Return an item with its window and raw samples, as `with_window` does."""
+        """Return an item with its denoised window and its raw samples, as `with_window` does."""
         cut = self._cuts[self._items.index(item)]
         window = None if cut is None else self._read(*cut)
         window = None if window is None else self._denoiser.denoise(window)
         return with_window(item, window, self.signal)
 
     def windows_before(self, item: ShownItem, count: int) -> list[WeighWindow]:
-        """Return the windows of at most `count` items before an item."""
+        """Return the windows of at most `count` items before an item. The latest is the last one.
+
+        Items without a window, and windows whose samples are missing, are left out.
+        """
         place = self._items.index(item)
         cuts = [cut for cut in self._cuts[:place] if cut is not None][-count:]
         return [window for cut in cuts if (window := self._read(*cut)) is not None]
 
     def _read(self, window: WeighWindow, count: int) -> WeighWindow | None:
-        """Return a window with its samples, or None if samples are missing."""
+        """Return a window with its `count` samples, or None if samples are missing."""
         length = round(NANOSECONDS * count / self.recording.load_cell.sample_rate)
         blocks = self.signal.between(window.stamp - _AROUND, window.stamp + length + _AROUND)
         if not blocks:
