@@ -16,8 +16,8 @@ from babel.numbers import get_decimal_symbol
 
 from checkweigher_core.records import GRAMS, local_time
 
-LANGUAGE, UNIT = 'checkweigher-language', 'checkweigher-unit'  # cookies for the choice
-FOLDER = Path(__file__).parent  # with a catalogue NAME.po for each language but English
+LANGUAGE, UNIT = 'checkweigher-language', 'checkweigher-unit'  # names of cookies for the choice
+FOLDER = Path(__file__).parent  # folder with a catalogue NAME.po for each language but English
 _SOURCE = 'en_US'
 NAMES = (_SOURCE, *sorted(path.stem for path in FOLDER.glob('*.po')))
 # Number of units in 1 kg, and number of decimals of a mass in addition to those of a mass in g.
@@ -64,14 +64,20 @@ class Language:
         self._texts = _translations(name)
 
     def __call__(self, text: str, /, **values: object) -> str:
-        """Return the translation of an English text, with values for its placeholders."""
+        """Return the translation of an English text, with values for its placeholders.
+
+        A text without a translation stays English.
+        """
         if isinstance(text, Text):
             values = {**text.values, **values}
             text = text.template
         return self.filled(self._texts.gettext(text) if text else '', values)
 
     def plural(self, one: str, many: str, count: int, /, **values: object) -> str:
-        """Return the translation of `one`, or of `many` unless `count` is 1, filled with values."""
+        """Return the translation of a text for `count` items, with values for its placeholders.
+
+        `one` is the English text for a count of 1, and `many` is the English text for other counts.
+        """
         return self.filled(self._texts.ngettext(one, many, count), {'count': count, **values})
 
     def filled(self, template: str, values: Mapping[str, object]) -> str:
@@ -88,7 +94,11 @@ class Language:
         return self(value) if isinstance(value, Text) else value
 
     def knows(self, text: str) -> bool:
-        """Return whether a text, which may come from a node, can be shown in this language."""
+        """Return whether a text, which may come from a node, can be shown in this language.
+
+        This is true for a text with a translation, for an empty text, for any `Text`, and in
+        English for any text.
+        """
         translated = isinstance(text, Text) or self._texts.gettext(text) != text
         return not text or translated or self.name == _SOURCE
 
@@ -123,7 +133,10 @@ class Language:
         return self.number(self.per_kg * mass, digits + self.more_digits, f' {self.unit}', sign)
 
     def short(self, mass: float) -> str:
-        """Return the shortest text for a mass in kg with its unit, or 'none' if it is infinite."""
+        """Return the text for a mass in kg, with unit and at most 6 significant digits.
+
+        A mass that is infinite or NaN is given as the translation of 'none'.
+        """
         if not math.isfinite(mass):
             return self('none')
         return f'{self.per_kg * mass + 0.0:g}'.replace('.', self.point) + f' {self.unit}'
@@ -135,7 +148,10 @@ class Language:
 
 @cache
 def language(name: str = _SOURCE, unit: str = 'g') -> Language:
-    """Return a language, which all viewers with the same choice share, as it is a cache key."""
+    """Return a language, which all viewers with the same choice share.
+
+    The language is a part of the keys of caches, whose objects these viewers then also share.
+    """
     return Language(name, unit)
 
 
@@ -151,7 +167,10 @@ def language_of(headers: Mapping[str, str], cookies: Mapping[str, str]) -> Langu
 
 
 def _accepted(header: str) -> str:
-    """Return the first language of an Accept-Language header that the page has, or English."""
+    """Return the first language of an Accept-Language header that the page has, or English.
+
+    The weights in the header and the regions of its languages are ignored.
+    """
     tags = [each.partition(';')[0].strip() for each in header[:200].split(',')]
     by_family = {name.partition('_')[0]: name for name in NAMES}
     found = negotiate_locale([tag.partition('-')[0] for tag in tags], by_family)

@@ -27,5 +27,5 @@ def said(verdict: Verdict, say: Language = ENGLISH) -> str:
 
 
 def why(verdict: Verdict, say: Language = ENGLISH) -> str:
-    """Return the reasons of a verdict, each with a hint for the user."""
+    """Return the reasons of a verdict, each with a hint for the user, or '' without reasons."""
     return '; '.join(f'{reason}: {say(hint_of(reason))}' for reason in verdict.reasons)

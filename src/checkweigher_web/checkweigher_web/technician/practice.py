@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""View of a simulated machine, on which a technician causes faults and practises to find them."""
+"""View of a simulated machine, on which a technician causes faults and practises finding them."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -57,7 +57,7 @@ class Practice:
             return None
 
     async def set(self, **values: object) -> Outcome:
-        """Change settings of the machine."""
+        """Change settings of the machine, and return the outcome."""
         what = ', '.join(f'{name} {value}' for name, value in values.items())
         act = partial(actions.operate, await self._desk.services(), values)
         text = Text('simulated machine: {settings}', settings=what)
@@ -65,7 +65,10 @@ class Practice:
 
 
 class PracticeView(View):
-    """View of a simulated machine from above, for technicians. A real machine has no such view."""
+    """View of a simulated machine from above, which is hidden for real machines.
+
+    The view is also hidden if the viewer is not a technician.
+    """
 
     title = Text('Practice: the simulated machine from above')
     columns = 2, 12
@@ -156,7 +159,10 @@ class PracticeView(View):
         await self._change(**OperationParameters(put=self._now.put).as_mapping())
 
     async def _change(self, **values: Any) -> None:
-        """Send the values that differ from the present settings to the driver."""
+        """Send values that differ from the present settings to the driver, and show the outcome.
+
+        Nothing is sent if no value differs.
+        """
         new = {name: value for name, value in values.items() if value != getattr(self._now, name)}
         if not new or self.look.practice is None:
             return
@@ -207,11 +213,11 @@ class _EyeControls:
 
 
 def is_simulated(lane: Lane | Shift) -> bool:
-    """Return whether the samples of a lane are simulated."""
+    """Return whether the samples of a lane are simulated, or False if its load cell is unknown."""
     return lane.load_cell is not None and lane.load_cell.model == 'simulated'
 
 
-# Sizes of the picture in px. The belts are infeed, weigh and outfeed belt from left to right.
+# Sizes of the picture in px. From left to right, it shows the infeed, weigh and outfeed belts.
 _WIDTH, _HEIGHT, _BEGIN, _END, _TOP, _BOTTOM = 480, 188, 170, 310, 74, 134
 _PRODUCT, _USUAL_GAP, _WIDEST_GAP = 40, 60, 300
 _SCALE = 1000.0  # px per m for gaps and displacements of eyes, which are drawn enlarged

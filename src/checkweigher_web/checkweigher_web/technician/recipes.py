@@ -63,7 +63,7 @@ class _Entry:
     words: tuple[str, ...] = ()  # allowed values that are not numbers
 
     def text(self, keys: Mapping[str, Any], say: Language) -> str:
-        """Return the text of the field for a recipe."""
+        """Return the text of the field for a recipe, or '' if the recipe lacks the key."""
         value = _inner(keys, self.key)
         if self.place is not None and isinstance(value, list):
             value = value[self.place]
@@ -74,7 +74,10 @@ class _Entry:
         return say.entry(round((self.factor or say.per_kg) * value, 9))
 
     def value(self, given: ui.input, say: Language) -> float | str | None:
-        """Return the value for the recipe, or None for an empty field."""
+        """Return the value for the recipe, or None for an empty field.
+
+        Raises `ActionRefusedError` as `number_in` does.
+        """
         text = str(given.value or '').strip()
         if text.upper() in self.words:
             return text.upper()
@@ -96,7 +99,10 @@ _OWN = {entry.key.partition('.')[0] for entry in _ENTRIES}
 
 
 async def recipes(desk: Desk, services: LaneServices) -> None:
-    """Show the recipes of a lane."""
+    """Open a dialog with the recipes of a lane.
+
+    Raises `ActionRefusedError` if the lane has no recipe file.
+    """
     RecipesDialog(desk, await actions.recipe_file(services)).show()
 
 
@@ -131,7 +137,7 @@ class RecipesDialog(Dialog):
         self.button(Text('Save'), self._save)
 
     def show(self) -> None:
-        """Read the recipe file, and show its recipes."""
+        """Read the recipe file, and show its recipes, or the reason why it cannot be read."""
         try:
             self._recipes = given_recipes(self._path)
         except SettingsError as error:
@@ -224,7 +230,10 @@ class RecipesDialog(Dialog):
 
 
 def _inner(keys: Mapping[str, Any], key: str) -> Any:
-    """Return the value of a key such as ``guard.risk``, or None."""
+    """Return the value of a key such as ``guard.risk``, or None if the key is missing.
+
+    If the outer value, here that of ``guard``, is not a mapping, this value is returned.
+    """
     outer, _, inner = key.partition('.')
     value = keys.get(outer)
     return value.get(inner) if inner and isinstance(value, dict) else value
@@ -262,7 +271,10 @@ def _pairs(ranges: list[_Entry]) -> list[tuple[_Entry, _Entry]]:
 
 
 def changes(old: Keys | None, new: Keys) -> str:
-    """Return the changes of a recipe as one line for the audit log."""
+    """Return the changes of a recipe as one line for the audit log, or 'no change' without changes.
+
+    `old` is None for a new recipe.
+    """
     before, after = flatten(old or {}), flatten(new)
     changed = (
         f'{key} {before.get(key, "–")} → {after.get(key, "–")}'

@@ -25,7 +25,7 @@ _OWN = Text('this is your own account: another technician has to do this')
 
 
 async def users(desk: Desk, services: LaneServices) -> None:
-    """Show the users of the page."""
+    """Open a dialog with the users of the page."""
     UsersDialog(desk).show()
 
 
