@@ -25,11 +25,12 @@ _HEADS = (
     Text('state'),
     Text('what to check'),
 )
-Picture = tuple[str, str, tuple[str, ...]]  # text on an item, its figure as JSON, and its marks
+# Text on an item, its figure as JSON, and the texts of its marks.
+Picture = tuple[str, str, tuple[str, ...]]
 
 
 class AlarmsView(View):
-    """Alarms in the order of their beginning, then acknowledged alarms, then ended alarms.
+    """Unacknowledged alarms in the order of their beginning, then acknowledged, then ended alarms.
 
     The first alarm is often the cause of the others. Below the alarms, the view shows the signal of
     an item with the reason of the first fault alarm.
@@ -82,12 +83,12 @@ class AlarmsView(View):
 
 
 def in_order(alarms: Sequence[Alarm]) -> list[Alarm]:
-    """Return alarms in the order of their beginning, the acknowledged ones last."""
+    """Return unacknowledged alarms, then acknowledged alarms, each in order of their beginning."""
     return sorted(alarms, key=lambda each: (bool(each.acknowledged_by), each.first))
 
 
 def rows(alarms: Sequence[Alarm], now: int, say: Language = ENGLISH) -> list[tuple[Cell, ...]]:
-    """Return a row for each alarm at time `now` in ns. `now` is 0 if all alarms have ended."""
+    """Return a row for each alarm at time `now` in ns. `now` is 0 if all alarms are over."""
     return [
         (
             say(_order(place, each, now)),
@@ -111,7 +112,7 @@ def _order(place: int, alarm: Alarm, now: int) -> str:
 def state_of(alarm: Alarm, now: int = 0, say: Language = ENGLISH) -> str:
     """Return a text on the duration and the acknowledgement of an alarm at time `now` in ns.
 
-    `now` is 0 if the alarm has ended.
+    `now` is 0 if the alarm is over, which means that it is no longer in the list of the lane.
     """
     lasted = alarm.duration
     if alarm.active and now:
@@ -128,8 +129,8 @@ def state_of(alarm: Alarm, now: int = 0, say: Language = ENGLISH) -> str:
 def picture_of(drawing: Drawing, say: Language = ENGLISH) -> Picture | None:
     """Return the signal of an item with the reason of the first fault alarm, or None.
 
-    Returns None if there is no fault alarm, or no samples of such an item. The signal is cached,
-    because the lane soon drops its samples.
+    Returns None if there is no fault alarm, no item with its reason, or no samples of the latest
+    such item. The signal is cached, because the lane soon drops its samples.
     """
     pictures: dict[tuple[str, int], Signal] = drawing.once('pictures', None, dict)
     alarms = [each for each in in_order(drawing.lane.alarms) if each.source == _FAULT]

@@ -50,7 +50,7 @@ def control_figure(series: MassSeries, say: Language = ENGLISH, *, spread: bool)
 
     If `spread` is true, the figure shows the standard deviations of the subgroups, otherwise their
     means. A symbol marks the first subgroup of each run that breaks a rule, and the legend names
-    the rule.
+    the rule. If there are fewer than two subgroups, the figure contains only a text.
     """
     masses, reference = (
         [say.per_kg * mass for mass in each] for each in (series.masses, series.reference)

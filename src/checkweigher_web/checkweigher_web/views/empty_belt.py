@@ -34,7 +34,7 @@ class SpectralLine:
 
     frequency: float  # Hz
     amplitude: float  # kg
-    guess: Text  # possible cause for the user
+    guess: Text  # possible cause, as a text for the user
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +85,7 @@ class EmptyBeltView(View):
 
 
 def spectrum_chart(found: Spectrum | None, say: Language = ENGLISH) -> Options:
-    """Return the figure of a spectrum with its lines marked."""
+    """Return the figure of a spectrum with its lines marked, or with a text if there is none."""
     if found is None:
         return charts.nothing(say('needs a stretch of the empty belt'))
     shown = found.frequencies <= _HIGHEST
@@ -103,11 +103,12 @@ def spectrum(
     belt_speed: float = math.nan,
     platform: float = math.nan,
 ) -> Spectrum | None:
-    """Compute the spectrum of the empty belt, or return None if there are too few samples.
+    """Compute the spectrum of the empty belt, or return None for fewer than `_LEAST` samples.
 
     The samples `force` (n,) are in kg, and `sample_rate` is in Hz. `belt_speed` in m/s determines
     the diameter of a roller that may cause a line. `platform` is the natural frequency of the
-    weighing platform in Hz.
+    weighing platform in Hz. An unknown belt speed or natural frequency is NaN, and is then not
+    used.
     """
     count = len(force)
     if count < _LEAST:

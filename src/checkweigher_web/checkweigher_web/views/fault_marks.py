@@ -54,7 +54,8 @@ class Scene:
     force : array of shape (n,)
         Signal in kg, relative to the zero of calibration.
     usual_speed : float
-        Belt speed of earlier items in m/s, or NaN if it is not known.
+        Belt speed of earlier items in m/s, or NaN if it is not known. If no earlier item had a
+        speed, this is the `line_speed` of the estimate of this item.
     say : Language
         Language of the texts of the marks.
     """
@@ -96,15 +97,19 @@ class Scene:
 
 
 def fault_marks(scene: Scene) -> list[Mark]:
-    """Return the marks that explain a fault, in the order of its reasons."""
+    """Return the marks that explain a fault, in the order of its reasons.
+
+    A reason that the signal cannot show has no mark.
+    """
     finders = (_FINDERS[Reason(each)] for each in scene.reasons if each in _FINDERS)
     return [mark for find in finders for mark in find(scene)]
 
 
 def empty_belt(scene: Scene) -> tuple[int, int, float] | None:
-    """Return the start and end in ns of the empty belt before an item, and its mean in kg.
+    """Return the start and end in ns of the empty belt before an item, and the mean load in kg.
 
-    The mean is relative to the zero of calibration. Returns None if no samples are available.
+    The mean is relative to the zero of calibration. Returns None if t1 of the item is unknown, or
+    if there are no samples of the empty belt.
     """
     end = scene.times.get('t1')
     if end is None:
@@ -138,7 +143,10 @@ Finder = Callable[[Scene], Iterable[Mark]]
 def _over(
     first: str, last: str, describe: Callable[[Scene, int, int], str], scene: Scene
 ) -> Iterator[Mark]:
-    """Mark the time between two edges with the text of `describe`, unless the text is empty."""
+    """Mark the time between two edges with the text of `describe`.
+
+    There is no mark if an edge is missing or the text is empty.
+    """
     span = scene.span(first, last)
     text = '' if span is None else describe(scene, *span)
     if span is not None and text:
@@ -179,7 +187,10 @@ def _equal_edges(scene: Scene) -> Iterator[Mark]:
 
 
 def _expected_times(scene: Scene) -> dict[str, int]:
-    """Return the times in ns at which edges of an item are expected at the usual speed."""
+    """Return the times in ns at which edges of an item are expected at the usual speed, by name.
+
+    Edges whose time cannot be computed are left out.
+    """
     times, found, speed = scene.times, dict[str, int](), scene.usual_speed
     if speed > 0:
         transit = round(NANOSECONDS * scene.load_cell.weigh_length / speed)
@@ -382,7 +393,10 @@ def _rise(scene: Scene, t1: int, t2: int, t3: int) -> RiseLag:
 
 
 def runs(inside: Sequence[bool] | NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """Return the start and the end of each run of true values. The end is exclusive."""
+    """Return the indices of the start and the end of each run of true values.
+
+    The end is the index after the last true value of the run.
+    """
     ends = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
     return [(int(b), int(e)) for b, e in zip(ends[::2], ends[1::2], strict=True)]
 

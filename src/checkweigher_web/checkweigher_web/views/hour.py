@@ -25,14 +25,16 @@ from checkweigher_web.views.view import SLOW, View
 _INTERVALS = 60
 # Shortest interval in ns.
 _SHORTEST = 10 * NANOSECONDS
-# Number of items from which the figure of a running lane is drawn only every `_RARELY` s.
+# `_RARELY` is the period in s at which the figure of a running lane with many items is drawn.
 _MANY, _RARELY = 1000, 10
-_TICK = NANOSECONDS // 2  # width in ns of a bin, in which accepted items share one tick
+# Width in ns of a bin. The accepted items in a bin share one tick.
+_TICK = NANOSECONDS // 2
 # Heights of the charts in px.
 _HEIGHTS = 34, 62, 84, 62, 50, 34
 
 
-# Messages if there is no other item, by whether only faults count and whether it must be later.
+# Messages if there is no item to move to, by whether it must be a fault and whether it must be
+# later than the present item.
 _NO_MORE = {
     (False, True): Text('no item after it'),
     (False, False): Text('no item before it'),
@@ -120,7 +122,11 @@ class HourView(View):
 
 
 def hour(drawing: Drawing, say: Language = ENGLISH, *, live: bool) -> str:
-    """Return the figure of the last hour, or of a whole recorded shift, as JSON."""
+    """Return the figure of the last hour, or of a whole recorded shift, as JSON.
+
+    The figure is cached until the records of the lane change. If `MAX_ITEMS` items are known, the
+    figure of a running lane is drawn only every `_RARELY` s.
+    """
     many = len(drawing.items()) >= MAX_ITEMS  # the list of a running lane is full
     now = int(time.monotonic() / _RARELY) if many and live else drawing.lane.version
     return drawing.once(('hour', say), now, lambda: json.dumps(_draw(drawing, say, live=live)))

@@ -34,7 +34,10 @@ ENDED = {
 
 
 class ItemView(View):
-    """Mass and verdict of the latest item with a scale, in grey if the lane does not weigh."""
+    """Mass and verdict of the latest item with a scale, in grey if the lane does not weigh.
+
+    In a recorded shift, the view shows the chosen item instead of the latest item.
+    """
 
     title = Text('Item')
     columns = 2, 12
@@ -88,10 +91,10 @@ def reading(
     statistics: Statistics | None,
     say: Language = ENGLISH,
 ) -> dict[str, object]:
-    """Return the reading of an item, with a scale.
+    """Return the content of a `Reading` for an item, by the keys that reading.js uses.
 
-    `items` contains the item and those before it, the latest first. The scale shows at most
-    the first `_DOTS` of `items`.
+    `items` contains the item and those before it, the latest first. The scale shows those of the
+    first `_DOTS` items that have a mass, and the product and batch of the item.
     """
     verdict = item.verdict
     return {
@@ -156,7 +159,10 @@ def _ruler(limits: Sequence[float], masses: Sequence[float]) -> _Ruler | None:
 
 
 def about(item: ShownItem, say: Language = ENGLISH) -> str:
-    """Return a text with further values of an item, such as its number and the belt speed."""
+    """Return a text with further values of an item, such as its number and the belt speed.
+
+    Unknown values are left out.
+    """
     verdict, known = item.verdict, item.estimate
     parts = (
         say('item {number}', number=verdict.item_id),
@@ -188,7 +194,7 @@ def standstill(rows: Sequence[Row]) -> str:
 
 
 def silence(rows: Sequence[Row]) -> float:
-    """Return the longest time in s for which a node that weighs is silent, or 0 if none is."""
+    """Return the longest silence in s of the nodes that weigh, or 0 if none of them is silent."""
     return max((row.silence for row in rows if _name(row) in _WEIGHS), default=0.0)
 
 

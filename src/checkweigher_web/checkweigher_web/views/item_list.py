@@ -41,7 +41,10 @@ class ItemListView(View):
 
 
 def rows_of(look: Look) -> str:
-    """Return the rows of the list as JSON, with the chosen item among them."""
+    """Return at most `_SHOWN` rows of the list as JSON.
+
+    They contain the chosen item if it is one of the selected items, otherwise the latest items.
+    """
     drawing, items = look.drawing, look.items()
     keys = [row_key(item) for item in items] if look.chosen else []
     place = keys.index(look.chosen) if look.chosen in keys else 0

@@ -42,7 +42,8 @@ def histogram(
     """Return a histogram of masses, with the limits, TU1, TU2 and the nominal mass.
 
     The limits are taken from the `latest` verdict. TU1, TU2 and the nominal mass are shown if the
-    statistics refer to the product and batch of the series.
+    statistics refer to the product and batch of the series. If the series has fewer than two
+    masses, the figure contains only a text.
     """
     masses = GRAMS * np.array(series.masses)
     if len(masses) < 2:

@@ -18,7 +18,9 @@ from checkweigher_web.views.view import View
 
 _INTERVALS, _MINUTE = 60, 60 * NANOSECONDS
 _FULL = 2.0  # used fraction of the margin for a broken rule that has no margin
-Rule = tuple[str, str, float | None]  # name, state, and the used fraction of the margin
+# Name and state of a rule, and the used fraction of its margin. The fraction is None if the recipe
+# does not ask for the rule, or if the rule needs the mean of accepted items and there are none.
+Rule = tuple[str, str, float | None]
 
 
 class ProductionView(View):
@@ -57,8 +59,9 @@ def figures(
 ) -> list[tuple[str, str, str]]:
     """Return the main figures, each with its name, its value as text, and points of its course.
 
-    There is a point for each interval of the last hour before `now` in ns that has a value. The
-    points are in SVG format, in a frame of 100 by 30.
+    The course covers the last hour before `now` in ns, or the time since the first item if that is
+    less than an hour, but at least 1 min. It is divided into intervals, and each interval that has
+    a value is a point. The points are in SVG format, in a frame of 100 by 30.
     """
     since = int(history.stamps[0]) if len(history.stamps) else now
     length = min(max(now - since, _MINUTE), HOUR)
@@ -86,7 +89,11 @@ def _points(values: NDArray[np.float64]) -> str:
 def production(
     known: Statistics | None, filler: FillerFeedback | None, say: Language = ENGLISH
 ) -> list[tuple[str, str]]:
-    """Return rows with the counts of the product and the batch, and the filler correction."""
+    """Return rows with the counts of the product and the batch, and the filler correction.
+
+    Without statistics, a single row says so. There is no row for the filler correction if none has
+    arrived for this product.
+    """
     if known is None:
         return [('', say('no statistics: the node product does not run'))]
     counts = {
@@ -129,7 +136,7 @@ def batch_rules(
     """Return the state of each packers' rule for the present batch.
 
     The statistics in `known` contain the rules of the recipe, and the `latest` verdict contains the
-    counts on which the rules depend.
+    counts on which the rules depend. Returns [] without statistics or without a nominal mass.
     """
     if known is None or not math.isfinite(known.nominal):
         return []

@@ -112,6 +112,7 @@ def signal_chart(
     """Return the figure of an item, with its raw signal or else its window, and the marks.
 
     Only a raw signal has marks. A window is drawn over the windows of earlier items in `before`.
+    Without a signal, the figure contains only a text.
     """
     if item.stretch is not None and load_cell is not None:
         scene = Scene(item, item.stretch, load_cell, say)
@@ -162,7 +163,10 @@ def _window_chart(
 
 
 def _times(window: WeighWindow) -> NDArray[np.float64]:
-    """Return the times of the samples of a window in ms after t1, shape (n,)."""
+    """Return the times of the samples of a window, shape (n,), in ms after t1.
+
+    If t1 is unknown, the times are relative to the stamp of the window.
+    """
     begin = (window.stamp - (window.t1 or window.stamp)) / 1e6
     return begin + 1e3 / window.sample_rate * np.arange(len(window.counts), dtype=np.float64)
 
@@ -220,8 +224,8 @@ def _scene_chart(scene: Scene, marks: Sequence[Mark]) -> Options:
         seen = [((e.stamp - origin) / 1e6, e.blocked, True) for e in scene.edges_of(eye)]
         lost = {name: at for name, at in missing.items() if EDGES[name][0] == eye}
         edges = seen + [(at, EDGES[name][1], False) for name, at in lost.items()]
-        # If the start of the blockage by this item is not known, a bar at the left end may be the
-        # bar of this item. The eye has then not detected the start of the bar.
+        # A bar at the left end may be that of this item if the time at which the item blocks the
+        # eye is neither known nor computed. The bar is then dashed, because its start is unknown.
         was_seen = ('t1' if eye == Eye.INFEED else 't3') in {*scene.times, *missing}
         bars = _bars(sorted(edges), _ROWS[eye][1], shown, was_seen=was_seen)
         figure['series'] += _row_of_eye(eye, bars, list(lost.values()), say)

@@ -62,7 +62,10 @@ class Look:
         return (lane.faults if self.only_faults else lane.items)(self.span)
 
     def item(self) -> ShownItem | None:
-        """Return the chosen item, or the latest of the selected items."""
+        """Return the chosen item if it is selected, otherwise the latest of the selected items.
+
+        Returns None if no items are selected.
+        """
         return self._item_of(self.items())
 
     def _item_of(self, items: list[ShownItem]) -> ShownItem | None:
@@ -72,17 +75,17 @@ class Look:
         return next((each for each in items if row_key(each) == self.chosen), latest)
 
     def series(self) -> MassSeries:
-        """Return the mass series of the selected items."""
+        """Return the mass series of the lane, or of the items in `span` if it is not None."""
         if self.span is None:
             return self.drawing.lane.series
         verdicts = (item.verdict for item in reversed(self.drawing.lane.items(self.span)))
         return reduce(MassSeries.with_item, verdicts, MassSeries())
 
     def move(self, step: float, *, faults: bool) -> bool:
-        """Choose another item, or another fault, and return False if there is none.
+        """Choose the next selected item in one direction, and return whether there is one.
 
         `step` is positive for a later item and negative for an earlier one. An infinite step leads
-        to the last or first item.
+        to the last or first item. If `faults` is true, only faults can be chosen.
         """
         items = self.items()[::-1]
         keys = [row_key(item) for item in items]
@@ -109,7 +112,10 @@ class Look:
         return (0 if item is None else len(items) - items.index(item)), len(items)
 
     def nodes(self) -> list[Row]:
-        """Return the diagnostics of the nodes of the lane, which are updated once a second."""
+        """Return the diagnostics of the nodes of the lane, which are updated once a second.
+
+        Returns [] for a recorded shift.
+        """
         return self.drawing.each_second('nodes', self._nodes)
 
     def _nodes(self) -> list[Row]:
@@ -176,7 +182,10 @@ class FigureView(View):
 
     @classmethod
     def figure(cls, look: Look) -> str:
-        """Return the figure as JSON, which is cached until an item, a product or a batch is new."""
+        """Return the figure as JSON.
+
+        The figure of the whole time axis is cached until there is a new item, product or batch.
+        """
         if look.span is not None:
             return json.dumps(cls._draw(look))
         state = look.drawing.of_items()
