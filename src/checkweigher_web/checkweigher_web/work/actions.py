@@ -1,6 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Actions of operators and technicians on a lane, and readers of its settings."""
+"""Actions of operators and technicians on a lane, and readers of its settings.
+
+An action returns a text for the user on its outcome, and raises `ActionRefusedError` if a node
+refuses it, does not run or does not answer.
+"""
 
 import asyncio
 from collections.abc import Callable, Mapping
@@ -47,7 +51,8 @@ class MassLimits:
 async def products(services: LaneServices) -> dict[str, Product]:
     """Return the products of the recipe file of a lane, by name.
 
-    Raises `ActionRefusedError` if the lane has no recipe file or the file is not on this machine.
+    Raises `ActionRefusedError` if the lane has no recipe file, or if the file is not valid or not
+    on this machine.
     """
     try:
         return read_recipes(await recipe_file(services))
@@ -80,7 +85,7 @@ async def select_product(services: LaneServices, name: str) -> str:
 
 
 async def new_batch(services: LaneServices, name: str) -> str:
-    """Begin a new batch, which ends the present batch."""
+    """Begin a new batch, which ends the present batch, and return a text for the user."""
     answer = await services.call('new_batch', batch=name)
     return Text(
         'batch {name} has begun; items of the batch before: {count}',
@@ -98,7 +103,7 @@ async def zero(services: LaneServices) -> str:
 
 
 async def reset_stop(services: LaneServices) -> str:
-    """Reset the stop request of a lane."""
+    """Reset the stop request of a lane, and return a text for the user."""
     return await services.message(ports.RESET_STOP_REQUEST) or Text(
         'the stop request is taken back'
     )
@@ -142,8 +147,11 @@ def _in_use(services: LaneServices) -> ProductOnLine:
 
 
 async def set_limits(services: LaneServices, wanted: MassLimits) -> str:
-    """Set both limits. If the node refuses them, neither limit is changed."""
-    if wanted.lower > wanted.upper:  # Refused here, because the node would give masses in kg.
+    """Set both limits of the node `reject`, and return a text for the user.
+
+    If the node refuses the limits, neither of them is changed, and `ActionRefusedError` is raised.
+    """
+    if wanted.lower > wanted.upper:  # The node would also refuse this, but with masses in kg.
         text = Text(
             'the lower limit, {lower}, is above the upper one, {upper}',
             lower=Mass(wanted.lower),
@@ -158,7 +166,10 @@ _OPERATION = f'{OperationParameters.node}.'
 
 
 async def operation(services: LaneServices) -> OperationParameters:
-    """Return the settings of a simulated machine, or raise `ActionRefusedError` if it is real."""
+    """Return the settings of a simulated machine.
+
+    Raises `ActionRefusedError` if the machine of the lane is not simulated.
+    """
     names = list(OperationParameters.entries())
     values = await _parameters(services, 'driver', *(_OPERATION + name for name in names))
     if len(values) != len(names) or None in values:
@@ -173,7 +184,11 @@ async def operate(services: LaneServices, wanted: Mapping[str, object]) -> str:
 
 
 async def line_parameters(services: LaneServices) -> LineParameters:
-    """Return the present parameters of the stages of a lane."""
+    """Return the present parameters of the stages of a lane, with the present limits.
+
+    Raises `ActionRefusedError` if a node lacks parameters, if the limits are not known yet, or if
+    the parameters are not valid.
+    """
     defaults, found = LineParameters(), dict[str, object]()
     for node in ports.STAGES:
         names = list(getattr(defaults, node).as_mapping())

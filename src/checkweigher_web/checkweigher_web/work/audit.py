@@ -18,7 +18,10 @@ _LEVELS = {True: 'level-OK', False: 'level-ERROR', None: 'about'}
 
 
 async def audit_log(desk: Desk, services: LaneServices) -> None:
-    """Show the audit log of a lane."""
+    """Open a dialog with the audit log of a lane.
+
+    Raises `ActionRefusedError` if the lane has no audit log.
+    """
     await AuditDialog(desk, await actions.audit_log(services)).update()
 
 
@@ -41,7 +44,11 @@ class AuditDialog(Dialog):
         self.button(Text('Read again'), self.update)
 
     async def update(self) -> None:
-        """Read and show the log, and repeat this if the filter has changed meanwhile."""
+        """Read and show the log, and repeat this if the filter has changed meanwhile.
+
+        Shows a refusal instead if the user is no longer an operator. Does nothing while an earlier
+        call reads the log.
+        """
         if self._reading:
             return
         if self._desk.role < Role.OPERATOR:

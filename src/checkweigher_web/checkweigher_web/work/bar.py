@@ -68,7 +68,10 @@ def work_bar(look: Look) -> None:
 
 
 def hint_to_commissioning(desk: Desk) -> None:
-    """Lead a technician to the commissioning page until the machine is trained."""
+    """Show a technician a link to the commissioning page until the machine is trained.
+
+    The link is hidden while no message on the dynamic setting has arrived.
+    """
     if desk.role < Role.TECHNICIAN:
         return
     with ui.element('aside').classes('hint') as hint:
@@ -84,7 +87,7 @@ def hint_to_commissioning(desk: Desk) -> None:
 
 
 def work_menu(desk: Desk, look: Look) -> None:
-    """Add an entry to a menu for each action that has no button of its own."""
+    """Add an entry to the enclosing menu for each action that has no button of its own."""
     for label, open_dialog in look.work.items():
         if label not in _MAIN:
             entry = menu_entry(look.say(label), open_dialog)
@@ -119,7 +122,10 @@ async def keep_item(desk: Desk, keeper: Keeper, item: ShownItem) -> None:
 
 
 async def _open(desk: Desk, label: str, role: Role, begin: _Begin) -> None:
-    """Open a dialog if the user still has the role, otherwise go to the login."""
+    """Open a dialog if the user still has the role, otherwise go to the login.
+
+    If `begin` raises `ActionRefusedError`, a dialog shows the reason.
+    """
     if desk.role < role:
         ui.navigate.to('/login')
         return

@@ -89,6 +89,8 @@ class Desk:
         """Perform an action if the user has at least `role`, and write entries to the audit log.
 
         `what` is the name of the action in the audit log, and `reason` is the user's reason.
+        Returns the outcome. The action is refused, without an entry, if the role is too low or a
+        required reason is missing.
         """
         session = self._access.session_of(self._client)
         if session is None or session.user.role < role:

@@ -34,8 +34,8 @@ class Keeper:
 
         `recording` contains the samples and edges that the page holds, or is None if the page holds
         no samples. `parameters` are the present parameters of the lane. Raises `ActionRefusedError`
-        if the item has another result when it is weighed from the recording, or if the bag cannot
-        be written.
+        if the item has no estimate or no times, if the page does not hold its samples, if the item
+        has another result when it is weighed from the recording, or if the bag cannot be written.
         """
         async with self._turn:
             return await asyncio.to_thread(self._keep, lane, recording, parameters, item)

@@ -43,7 +43,7 @@ async def performance_test(desk: Desk, services: LaneServices) -> None:
 
 
 def text_of(test: PerformanceTest | None, say: Language = ENGLISH) -> str:
-    """Return the state of the performance test as one line of text."""
+    """Return the state of the performance test as one line, with the errors of its passes."""
     if test is None:
         return say('Nothing is known of a performance test: no product is selected')
     text = say(_STATES[test.state])

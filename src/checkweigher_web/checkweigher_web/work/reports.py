@@ -24,7 +24,11 @@ _KINDS = {'html': 'text/html; charset=utf-8', 'json': 'application/json'}
 
 
 def add_reports(app: FastAPI, workshop: Workshop, policy: str) -> None:
-    """Serve the reports of the lanes in `workshop` with the content security policy `policy`."""
+    """Serve the reports of the lanes in `workshop` with the content security policy `policy`.
+
+    A request for another report, or for one of a lane that is not in `workshop`, is answered with
+    the status 404.
+    """
 
     @app.get('/reports/{kind}/{name}.{ending}')
     async def answer(kind: str, name: str, ending: str, lane: str = '') -> Response:
@@ -69,7 +73,10 @@ def latest_records(folder: Path) -> list[Path]:
 
 
 async def batch_reports(desk: Desk, services: LaneServices) -> None:
-    """Show links to the latest `_MANY` batch reports of a lane, the latest first."""
+    """Open a dialog with links to the latest `_MANY` batch reports of a lane, the latest first.
+
+    Raises `ActionRefusedError` if the lane has no folder for batch records.
+    """
     services.batch_folder = folder = await actions.batch_folder(services)
     records = [each for each in latest_records(folder) if each.with_suffix('.html').is_file()]
     dialog = Dialog(Text('Batch reports'), desk.say)

@@ -104,14 +104,15 @@ class Outcome:
 
 
 class LoadRead(NamedTuple):
-    """Reading of a load by the previous calibration, and its standard uncertainty, both in kg."""
+    """Reading of a load by the calibration in use, and its standard error, both in kg."""
 
     load: Text  # text on the load for the user
     mass: float
     uncertainty: float
 
 
-# User who performs an action in the running task, and the reason of the action.
+# User for whom the current asyncio task performs an action, and the reason that the user has given.
+# It is None outside actions of users.
 ACTING: ContextVar[tuple[Person, str] | None] = ContextVar('acting', default=None)
 
 
@@ -123,9 +124,9 @@ class LaneServices(PortNode):
     feedback : dict of str to message
         Latest feedback of each running action that the page has begun, by the name of the action.
     readings : list of LoadRead
-        Readings of loads for a calibration.
+        Readings of loads for the next calibration.
     calibrated : Text or None
-        Text on the calibration that the page has written.
+        Text on the latest calibration that the page has written, or None if it has written none.
     setting, test, verification, product
         Latest message about the dynamic setting, the performance test, the verification and the
         product on the line, or None if no message has arrived.
@@ -154,7 +155,12 @@ class LaneServices(PortNode):
             self.subscribe(port, partial(setattr, self, name), qos=port.qos)
 
     async def call(self, name: str, **values: Any) -> Any:
-        """Call a service, and return its answer, or raise `ActionRefusedError` if it refuses."""
+        """Call a service, and return its answer.
+
+        `values` are the fields of the request. A call that changes the line is first announced to
+        the node that writes the audit log, so that its entry names the user in `ACTING`. Raises
+        `ActionRefusedError` if the service refuses, or if its node does not run or answer.
+        """
         client, (kind, node) = await self.found(name), _SERVICES[name]
         acting = ACTING.get()
         if acting is not None and changes_line(name):
@@ -174,7 +180,8 @@ class LaneServices(PortNode):
         """Perform the action `name` of a node, and return its result.
 
         `values` are the fields of the goal. Raises `ActionRefusedError` if the goal does not
-        succeed. If `may_end` is true, the result of a cancelled goal is also returned.
+        succeed, or if the node does not run or ends. If `may_end` is true, the result of a
+        cancelled goal is also returned.
         """
         client, (kind, node) = self._action_clients[name], _ACTIONS[name]
         await _ready(client.server_is_ready, node)
@@ -229,7 +236,10 @@ class LaneServices(PortNode):
     async def _awaited(
         self, future: Future, is_ready: Callable[[], bool], node: str, patience: float
     ) -> Any:
-        """Return the result of a future, or raise `ActionRefusedError` if no result arrives."""
+        """Return the result of a future, which the server in `node` sets.
+
+        Raises `ActionRefusedError` if no result arrives within `patience` s, or if the server ends.
+        """
         loop, came, asked = asyncio.get_running_loop(), asyncio.Event(), time.monotonic()
         future.add_done_callback(lambda _: loop.call_soon_threadsafe(came.set))
         while True:
@@ -286,7 +296,10 @@ class LaneServices(PortNode):
         return outcome
 
     async def write_signature(self, subject: str, value: Mapping[str, str]) -> None:
-        """Write a signature to the audit log, for the user who performs the running action."""
+        """Write a signature to the audit log in the name of the user in `ACTING`.
+
+        `subject` is the subject of the entry, and `value` is the content of the signature.
+        """
         if (acting := ACTING.get()) is not None:
             await self._note(acting, services=[ports.RECORD_CHANGE])
         text = json.dumps(dict(value))
@@ -297,8 +310,9 @@ class LaneServices(PortNode):
     ) -> None:
         """Write an entry on a user to the audit log, or announce service calls if `text` is None.
 
-        The node that writes the audit log names this user in the entries on the changes that the
-        announced services make. An announcement without services ends the earlier announcements.
+        Does nothing if the lane has no audit log. The node that writes the audit log names this
+        user in the entries on the changes that the announced services make. An announcement without
+        services ends the earlier announcements.
         """
         self._has_log = self._has_log or self._by_name[ports.RECORD_CHANGE].service_is_ready()
         if not self._has_log:

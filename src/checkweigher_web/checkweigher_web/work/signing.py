@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Dialog in which a user signs batches, verifications and changes of limits."""
+"""Dialog in which a user signs batches, verifications, and changes of recipes and limits."""
 
 import asyncio
 from collections.abc import Callable, Sequence
@@ -34,7 +34,10 @@ Find = Callable[[], Signable]
 
 
 async def sign_records(desk: Desk, services: LaneServices) -> None:
-    """Open a dialog for the record to sign, the meaning of the signature, and the password."""
+    """Open a dialog for the record to sign, the meaning of the signature, and the password.
+
+    Raises `ActionRefusedError` if the lane has no audit log or no folder for batch records.
+    """
     log, folder = await actions.audit_log(services), await actions.batch_folder(services)
     known = await asyncio.to_thread(_choices, log, folder)
 
@@ -61,7 +64,10 @@ async def sign_records(desk: Desk, services: LaneServices) -> None:
 
 
 async def _sign(desk: Desk, services: LaneServices, find: Find, meaning: str, password: str) -> str:
-    """Sign a record, and return a text on the signature."""
+    """Sign the record that `find` reads, and return a text on the signature.
+
+    Raises `ActionRefusedError` if the record cannot be read or signed.
+    """
     try:
         what = await asyncio.to_thread(find)
     except (OSError, ValueError) as error:
