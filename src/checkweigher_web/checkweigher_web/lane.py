@@ -42,7 +42,8 @@ from checkweigher_web.raw_signal import RawSignal, Stretch
 # Key of an item: t1 and t3 in ns. The number of an item is not unique, because a lane may count
 # from 1 again after a restart.
 Key = tuple[int | None, int | None]
-MAX_ITEMS = 500  # maximum number of listed items
+# Maximum number of listed items.
+MAX_ITEMS = 500
 # Maximum number of verdicts, of estimates and of noise values, which should suffice for an hour.
 _MAX_HOUR = 7200
 _MAX_WINDOWS = 50

@@ -150,9 +150,10 @@ class Shift:
         return with_window(item, window, self.signal)
 
     def windows_before(self, item: ShownItem, count: int) -> list[WeighWindow]:
-        """Return the windows of at most `count` items before an item. The latest is the last one.
+        """Return the windows of at most `count` items before an item.
 
-        Items without a window, and windows whose samples are missing, are left out.
+        The latest window is the last one. Items without a window, and windows whose samples are
+        missing, are left out.
         """
         place = self._items.index(item)
         cuts = [cut for cut in self._cuts[:place] if cut is not None][-count:]

@@ -46,7 +46,8 @@ HEADERS = {
 LOGIN, LOGOUT, STYLE = '/login', '/logout', '/page.css'
 _PUBLIC = (LOGIN, STYLE, '/favicon.ico')
 _ASSETS, _SOCKET = '/_nicegui/', '/_nicegui_ws/'
-_SESSION = 'checkweigher.session'  # key of the session identifier in the scope of a request
+# Key of the session identifier in the scope of a request.
+_SESSION = 'checkweigher.session'
 # Message of the RuntimeError that Starlette raises if the browser disconnects before the response.
 _UNANSWERED = 'No response returned.'
 
@@ -80,7 +81,7 @@ class Access:
     def role_of(self, client: Client) -> Role | None:
         """Return the present role of the user of a page, or None if the page must not be shown.
 
-        A page that was loaded without a session has the role VIEWER if the site is open. It must
+        A page that was loaded without a session has the role VIEWER if the site is open, and must
         not be shown otherwise. A page that was loaded with a session must not be shown after the
         end of the session.
         """
@@ -159,9 +160,9 @@ class Guard:
                 raise
 
     def _foreign(self, connection: HTTPConnection, *, reads: bool) -> Response | None:
-        """Return an error response to a request for another host or from another site, or None.
+        """Return an error response to a request for another host or from another site, else None.
 
-        Returns None if the site may answer the request. `reads` is true for a GET or HEAD request.
+        `reads` is true for a GET or HEAD request.
         """
         site, host = self._access.site, connection.headers.get('host', '')
         if not site.serves(host):

@@ -31,7 +31,10 @@ class Throttle:
         self._failures: dict[str, tuple[int, float]] = {}
 
     def wait(self, *keys: str) -> float:
-        """Return the time in s until the next attempt with all of these keys is allowed, or 0."""
+        """Return the waiting time in s before the next attempt with these keys.
+
+        This is the longest of the waiting times of the keys, or 0 if an attempt is allowed now.
+        """
         now = self._clock()
         return max(0.0, *(self._until(key) - now for key in keys))
 

@@ -32,7 +32,7 @@ from checkweigher_validation.batch.signing import Signable, SigningError
 SHORTEST, LONGEST = 8, 128  # minimum and maximum number of characters of a password
 _MODE = 0o600
 _OF_OTHERS = 0o077
-_COST = 3, 65_536, 4  # iterations, memory in KiB and threads of RFC 9106 for low memory
+_COST = 3, 65_536, 4  # iterations, memory in KiB and threads, as RFC 9106 advises for low memory
 _HASHER = PasswordHasher()  # argon2id with the parameters of RFC 9106 for low memory
 
 
@@ -146,7 +146,7 @@ def hash_password(name: str, password: str) -> str:
     """Return the argon2 hash of a new password.
 
     Raises `UsersError` if the number of characters is not in `SHORTEST`..`LONGEST`, or if the
-    password is the user name, in upper or lower case.
+    password is the user name, regardless of case.
     """
     if not SHORTEST <= len(password) <= LONGEST:
         raise UsersError(
@@ -232,8 +232,8 @@ def changing_users(path: Path) -> Iterator[None]:
     """Lock a users file during a block that reads and writes it.
 
     Creates the folder of the file if it is missing and `path` is `default_users()`. Raises
-    `OutputError` if the folder does not exist otherwise, if it cannot be created or locked, or if
-    the block raises OSError.
+    `OutputError` if the folder of another file is missing, if the folder cannot be created or
+    locked, or if the block raises OSError.
     """
     try:
         if path == default_users():

@@ -68,7 +68,7 @@ def passes_in(bags: Iterable[str]) -> tuple[Recorded, ...]:
 
 @lru_cache(_MANY)
 def _recorded(bag: Path, changed: int) -> tuple[Recorded, ...]:
-    """Return one element with the passes in a bag, all of which have the same mass.
+    """Return the passes in a bag, all of which have the same mass, as a tuple of one element.
 
     Returns () if the bag lacks the load cell, the reference masses or the edges of the outfeed eye.
     `changed` is the time of the last change of the bag in ns, so that a changed bag is read again.
@@ -111,7 +111,7 @@ def loads_of(plan: str) -> list[Load]:
 
 
 def not_covered(known: Sequence[Recorded], loads: Iterable[Load]) -> Iterator[Load]:
-    """Yield the lightest and the heaviest load at each speed, unless the passes cover this load.
+    """Yield those of the lightest and heaviest loads at each speed that the passes do not cover.
 
     A speed is covered between the lowest and the highest recorded speed, and up to 3 % outside,
     because training interpolates there. A mass is covered if it is at most 1.5 times the heaviest

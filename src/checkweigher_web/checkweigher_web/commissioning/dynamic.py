@@ -188,7 +188,7 @@ class DynamicStep(Step):
     def others(self) -> tuple[Choice, ...]:
         """Return the buttons that end a running action, drop trained parameters, and train.
 
-        While training is the main button, the last one records further passes.
+        If the primary button trains, the last of these buttons records further passes instead.
         """
         said = self.services.setting
         works = said is not None and self._works(said)

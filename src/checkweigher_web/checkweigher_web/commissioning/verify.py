@@ -57,7 +57,7 @@ _STATES = {
     ProgressState.ASKING: Text('Do this, then press "Make it": {text}'),
     ProgressState.DECIDING: Text('Failed: make it again, or go on? {text}'),
 }
-_LONGEST_FILE = 4 * LONGEST  # number of bytes of a file that are read
+_LONGEST_FILE = 4 * LONGEST  # maximum number of bytes that are read of a plan file
 
 
 class VerifyStep(Step):
@@ -74,7 +74,7 @@ class VerifyStep(Step):
         say = self.say
         self._said: VerificationProgress | None = None
         self._known: tuple[Recorded, ...] = ()  # recorded passes
-        self._paths: dict[str, Path] = {}  # plans by their paths relative to the folder
+        self._paths: dict[str, Path] = {}  # plan files, by path in `VerificationProgress.folder`
         self._found = ui.label('').classes('found').props('role=status')
         self._doubts = named(Lines().classes('lines doubts'), say('cannot be decided'))
         with ui.element('div').classes('fields') as self._choice:

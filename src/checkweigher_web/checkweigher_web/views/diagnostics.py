@@ -14,7 +14,7 @@ from checkweigher_web.views.view import View
 
 
 class DiagnosticsView(View):
-    """Diagnostics of a lane whose level is not OK, each with a hint, the worst level first."""
+    """Diagnostics with a level other than OK, each with a hint, the worst level first."""
 
     title = Text('Diagnostics')
     columns = 1, 5

@@ -110,7 +110,7 @@ def reading(
 def _scale(
     verdict: Verdict, latest: Sequence[Verdict], statistics: Statistics | None, say: Language
 ) -> dict[str, object] | None:
-    """Return a scale with limits and masses as positions from 0 to 1, or None if it is empty."""
+    """Return a scale of limits and masses as positions from 0 to 1, or None if there are none."""
     of = verdict.product, verdict.batch
     limits = limits_of(*of, verdict, statistics)
     weighed = [each for each in latest if math.isfinite(each.mass)]

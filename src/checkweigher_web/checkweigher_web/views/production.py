@@ -17,7 +17,8 @@ from checkweigher_web.languages.language import ENGLISH, Language, Text
 from checkweigher_web.views.view import View
 
 _INTERVALS, _MINUTE = 60, 60 * NANOSECONDS
-_FULL = 2.0  # used fraction of the margin for a broken rule that has no margin
+# Used fraction of the margin that is returned for a broken rule without a margin.
+_FULL = 2.0
 # Name and state of a rule, and the used fraction of its margin. The fraction is None if the recipe
 # does not ask for the rule, or if the rule needs the mean of accepted items and there are none.
 Rule = tuple[str, str, float | None]

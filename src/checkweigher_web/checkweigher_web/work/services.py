@@ -112,7 +112,7 @@ class LoadRead(NamedTuple):
 
 
 # User for whom the current asyncio task performs an action, and the reason that the user has given.
-# It is None outside actions of users.
+# The value is None if the task does not perform an action of a user.
 ACTING: ContextVar[tuple[Person, str] | None] = ContextVar('acting', default=None)
 
 
