@@ -114,7 +114,7 @@ def _choose_language(say: Language) -> None:
 class _Facts:
     """State of a lane in the header: product, batch, whether it weighs, alarms, diagnostics."""
 
-    silence = 0.0  # longest time in s for which a node that weighs is silent, or 0
+    silence = 0.0  # longest silence in s of the nodes that weigh, or 0 if none of them is silent
     wakes = ''  # text whose changes wake a dimmed screen
 
     def __init__(self, look: Look) -> None:

@@ -51,7 +51,7 @@ class Overview(Made):
     def views(self, say: Language = ENGLISH) -> list[LaneView]:
         """Return a row for each lane with a verdict topic or diagnostics.
 
-        The lanes without diagnostics are first. After them, the worst lane is first.
+        The lanes without diagnostics are first. The other lanes follow, the worst lane first.
         """
         return self.each_second(('views', say), lambda: self._views(say))
 

@@ -291,7 +291,7 @@ def main() -> None:
     parser.add_argument('--key', type=Path)
     try:
         serve(Site(**vars(parser.parse_args(remove_ros_args(sys.argv)[1:]))))
-    except KeyboardInterrupt:  # No error: uvicorn raises SIGINT again at a regular end.
+    except KeyboardInterrupt:  # This is no error. At a regular end, uvicorn raises SIGINT again.
         pass
     except ValueError as error:
         print(f'checkweigher: {error}', file=sys.stderr)

@@ -21,7 +21,10 @@ _VALID = timedelta(days=825)  # validity of the certificate, the longest that Sa
 
 
 class CertificateError(ValueError):
-    """Raised if a certificate, its key or a name in it cannot be used. The message is one line."""
+    """Raised if a certificate, its key, or a name for a new certificate cannot be used.
+
+    The message is one line.
+    """
 
 
 def make_certificate(names: Sequence[str], certificate: Path, key: Path) -> str:

@@ -122,8 +122,8 @@ class Guard:
     redirected to the login.
 
     Another web site could point its own host name to this machine and let a browser open the page
-    under this name, or it could open a socket to the page. Such requests are refused, so that the
-    site cannot read the data of the line.
+    under this name, or it could let a browser open a socket to the page. Such requests are refused,
+    so that the other site cannot read the data of the line.
     """
 
     def __init__(self, app: ASGIApp, access: Access) -> None:

@@ -122,7 +122,7 @@ class _Forms:
     async def log_in(self, request: Request) -> Response:
         """Log a user in and redirect to the page, or return the form with the reason of a refusal.
 
-        A form with the code for the first user adds this user before the login.
+        If the form contains the code for the first user, this user is added before the login.
         """
         given = await _fields(request)
         if not _same(given.get('token', ''), request.cookies.get(self._form_cookie, '')):

@@ -66,7 +66,7 @@ class Site:
 
         On the loopback address, only `self.host` and localhost are served, because another web site
         could point its own name to this machine. On other addresses, the TLS certificate protects
-        against this. Behind a reverse proxy, only requests for its name are served.
+        against such names. Behind a reverse proxy, only requests for its name are served.
         """
         if self.origin:
             return host.lower() == urlsplit(self.origin).netloc

@@ -58,8 +58,8 @@ def _changes(
 ) -> tuple[str, ...]:
     """Return a line per speed with the accuracy now and after training, and one for the choice.
 
-    If training does not improve the accuracy clearly, a single line says so. Without estimators,
-    there are no lines.
+    If training does not improve the accuracy clearly, a single line states this. Without
+    estimators, there are no lines.
     """
     if not names:
         return ()

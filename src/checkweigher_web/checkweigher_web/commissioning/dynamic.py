@@ -186,7 +186,7 @@ class DynamicStep(Step):
         return self._recording_and_training()[0]
 
     def others(self) -> tuple[Choice, ...]:
-        """Return the buttons that end a running action, drop trained parameters, and train.
+        """Return the buttons that end a running action, discard trained parameters, and train.
 
         If the primary button trains, the last of these buttons records further passes instead.
         """

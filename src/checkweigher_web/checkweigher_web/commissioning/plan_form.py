@@ -251,7 +251,7 @@ def _typed(key: str, value: str, say: Language) -> Any:
 
 
 def _grams(value: str, say: Language) -> float | int | str:
-    """Return a mass in g for a value in the unit of `say`, or an invalid number as text."""
+    """Return a mass in g for a value in the unit of `say`, or the value if it is not a number."""
     number = _number(value)
     if isinstance(number, str):
         return number
@@ -260,7 +260,10 @@ def _grams(value: str, say: Language) -> float | int | str:
 
 
 def _number(value: str) -> float | int | str:
-    """Return a number, or an invalid number as text, which the check of the plan refuses."""
+    """Return the number in a text, or the text itself if it is not a number.
+
+    The check of the plan refuses such a text. A comma counts as a decimal point.
+    """
     try:
         number = float(value.strip().replace(',', '.'))
     except ValueError:

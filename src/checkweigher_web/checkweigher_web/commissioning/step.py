@@ -72,7 +72,7 @@ class Step(ABC):
         """Return the button for the next action of the step."""
 
     def others(self) -> tuple[Choice, ...]:
-        """Return the other buttons of the step, whose number never changes."""
+        """Return the other buttons of the step. The number of these buttons never changes."""
         return ()
 
     @abstractmethod

@@ -123,7 +123,7 @@ class VerifyStep(Step):
             self._show_text(text)
 
     def _show_text(self, text: str) -> None:
-        """Show the text of a plan, and its values in the form."""
+        """Show the text of a plan, and its values in the form. An invalid text has no form."""
         self.desk.plan = text
         self._plan.set_value(text)
         self._form.clear()

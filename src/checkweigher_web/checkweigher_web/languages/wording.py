@@ -8,7 +8,8 @@ from checkweigher_core.records import GRAMS
 from checkweigher_web.languages.language import Mass, Text
 
 _MASS = re.compile(r'(-?\d+(?:\.\d+)?) kg\b')
-# Instructions for a technician, by a regular expression that matches a part of the message.
+# Instructions for a technician, each by a regular expression that matches a part of the message
+# that it replaces.
 _TEXTS = {
     r'no load was read': Text('Read the empty belt and a known mass first.'),
     r'a load is being read': Text('A load is being read: wait until that has ended.'),

@@ -1,3 +1,3 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Views of a lane, which `registry.VIEWS` lists in the order of the page."""
+"""Views of a lane or a recorded shift, which `registry.VIEWS` lists in the order of the page."""

@@ -18,7 +18,7 @@ from checkweigher_web.views.view import View
 
 _LEAST = 128  # minimum number of samples for a spectrum
 _PROMINENCE = 4.0  # minimum amplitude of a line, relative to the median of the bins around it
-_SURROUNDING = 10  # number of bins on each side of a line from which the median is computed
+_SURROUNDING = 10  # number of bins on each side of a line that the median around it includes
 _MAX_LINES = 6
 # Largest relative difference of the frequency of a line from a mains frequency that may cause the
 # line, and from the natural frequency of the platform.

@@ -92,8 +92,8 @@ def production(
 ) -> list[tuple[str, str]]:
     """Return rows with the counts of the product and the batch, and the filler correction.
 
-    Without statistics, a single row says so. There is no row for the filler correction if none has
-    arrived for this product.
+    Without statistics, a single row states that there are none. There is no row for the filler
+    correction if none has arrived for this product.
     """
     if known is None:
         return [('', say('no statistics: the node product does not run'))]
@@ -142,7 +142,7 @@ def batch_rules(
     if known is None or not math.isfinite(known.nominal):
         return []
     tally = BatchTally() if latest is None else BatchTally.of(latest)
-    if tally.key != (known.product, known.batch):  # Begin at 0 before the first item of this batch.
+    if tally.key != (known.product, known.batch):  # No item of this batch has been judged yet.
         tally = BatchTally(known.product, known.batch)
     none_below = say('{count} accepted', count=known.below_tu2)
     return [

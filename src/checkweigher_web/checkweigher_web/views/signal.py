@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""View of the signal of an item. For a fault, it shows the raw signal with marks."""
+"""View of the signal of an item. For a fault, the view shows the raw signal with marks."""
 
 from collections.abc import Sequence
 import math
@@ -20,7 +20,8 @@ from checkweigher_web.languages.words import said, why
 from checkweigher_web.views.fault_marks import EDGES, EYES, Mark, Scene, expected_rise, fault_marks
 from checkweigher_web.views.view import FAST, View
 
-_ROWS = {Eye.INFEED: (DENOISED, 1.0), Eye.OUTFEED: (LEVEL, 0.0)}  # colour and row of each eye
+# Colour of the bars of each eye, and position of these bars on the y axis.
+_ROWS = {Eye.INFEED: (DENOISED, 1.0), Eye.OUTFEED: (LEVEL, 0.0)}
 _BEFORE, _POINTS = 20, 60  # number of earlier items behind the signal, and points of each one
 _DETAIL = 110  # height in px of the figure of the plateau
 _LEAD = 0.5  # longest time before t1 that is shown, as a fraction of t3 - t1

@@ -125,7 +125,7 @@ class Look:
 
 
 class View(ABC):
-    """Panel on the page of a lane.
+    """Panel on the page of a lane or a recorded shift.
 
     A view shows only the present state. A slow browser therefore skips items, and never delays the
     line.

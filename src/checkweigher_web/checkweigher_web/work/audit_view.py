@@ -94,8 +94,9 @@ def _sealed(
 ) -> tuple[Verification, bool | None, str]:
     """Check the seals of a log, and return the log, whether the seals are valid, and a text.
 
-    The second value is None if the log is not whole, or if there is no `key`. It is False if there
-    is a key, but no file of seals. The returned log is not whole if its seals are not valid.
+    The second value is None if the log is not whole, or if `key` is None. The second value is False
+    if there is a key, but no file of seals. The returned log is not whole if its seals are not
+    valid.
     """
     path, command = seals_path(log), f'./checkweigher audit {quote(str(log))} --trust PUBLIC'
     if not found.whole:  # Seals can be verified only for an unbroken chain.

@@ -155,7 +155,10 @@ class Dialog:
         self._dialog.open()
 
     def button(self, text: str, click: Callable[[], Awaitable[object]]) -> ui.button:
-        """Add a button that calls `click`, and shows the reason if the action is refused."""
+        """Add a button that calls `click`, and return it.
+
+        If `click` raises `ActionRefusedError`, the dialog shows the reason.
+        """
 
         async def work() -> None:
             button.props('loading')
