@@ -5,6 +5,7 @@
 from dataclasses import dataclass, replace
 from ipaddress import ip_address
 from pathlib import Path
+import re
 from socket import gethostname
 from urllib.parse import urlsplit
 
@@ -62,7 +63,7 @@ class Site:
         return f'{scheme}://{host}:{self.port}/{proxy}'
 
     def serves(self, host: str) -> bool:
-        """Return whether the page is served under `host`, a host name with a port.
+        """Return whether the page is served under `host`, a host name with or without a port.
 
         On the loopback address, only `self.host` and localhost are served, because another web site
         could point its own name to this machine. On other addresses, the TLS certificate protects
@@ -70,8 +71,10 @@ class Site:
         """
         if self.origin:
             return host.lower() == urlsplit(self.origin).netloc
-        # The port is not compared, because an SSH tunnel may use another port.
-        return not self.loopback or host.rpartition(':')[0].strip('[]') in (self.host, 'localhost')
+        # The port is not compared, because an SSH tunnel may use another port. Browsers leave out
+        # the usual port of the scheme.
+        name = re.sub(r':\d*$', '', host).strip('[]')
+        return not self.loopback or name in (self.host, 'localhost')
 
     def checked(self) -> 'Site':
         """Check the site, and return it with its users file and a normalised origin.

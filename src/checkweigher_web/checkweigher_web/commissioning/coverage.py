@@ -70,17 +70,17 @@ def passes_in(bags: Iterable[str]) -> tuple[Recorded, ...]:
 def _recorded(bag: Path, changed: int) -> tuple[Recorded, ...]:
     """Return the passes in a bag, all of which have the same mass, as a tuple of one element.
 
-    Returns () if the bag lacks the load cell, the reference masses or the edges of the outfeed eye.
+    Returns () if the bag lacks the load cell, or an edge of the outfeed eye after a reference mass.
     `changed` is the time of the last change of the bag in ns, so that a changed bag is read again.
     """
     topics = ports.LOAD_CELL_INFO, ports.PHOTO_EYES, ports.REFERENCE_MASS
     cells, edges, references = read_records(bag, *topics).values()
     times = np.array([each.stamp for each in references])
     exits = np.sort([each.stamp for each in edges if each.eye is Eye.OUTFEED and each.blocked])
-    if not (cells and len(times) and len(exits)):
-        return ()
     after = np.searchsorted(exits, times)
     known = after < len(exits)
+    if not (cells and known.any()):
+        return ()
     transit = np.median(exits[after[known]] - times[known]) / NANOSECONDS
     speed = cells[0].weigh_length / float(transit)
     interval = float(np.median(np.diff(times))) / NANOSECONDS if len(times) > 1 else math.nan

@@ -45,7 +45,9 @@ def test_without_configuration_it_is_open_to_this_machine_alone(files: dict[str,
     assert not default_users().exists()
     assert site.serves('127.0.0.1:8080')
     assert site.serves('localhost:9000')  # port of a tunnel
+    assert site.serves('localhost')  # at port 80
     assert not site.serves('evil.example:8080')
+    assert not site.serves('evil.example')
     assert not site.serves('')
 
 

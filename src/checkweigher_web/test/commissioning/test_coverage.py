@@ -1,10 +1,12 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
 from pathlib import Path
 
 from lines import simulated, write_line
 import pytest
 
+from checkweigher_core.records import Eye, EyeEdge
 from checkweigher_validation.verification.plan import EXAMPLE
 from checkweigher_web.commissioning.coverage import (
     Recorded,
@@ -21,7 +23,10 @@ def test_bags_say_which_masses_and_speeds_were_recorded(tmp_path: Path):
     bags = [str(tmp_path / f'passes_{number}') for number in (1, 2, 3)]
     for bag, mass, speed in zip(bags, (0.15, 0.5), (0.5, 1.0), strict=False):
         write_line(Path(bag), simulated(masses=[mass], count=5, speed=speed, spacing=0.8))
-    first, second = passes_in(bags)  # the third bag does not exist
+    cut = simulated(count=1)
+    early = EyeEdge(cut.references[0].stamp - 1, Eye.OUTFEED, True)
+    bags.append(str(write_line(tmp_path / 'cut', replace(cut, edges=[early]))))
+    first, second = passes_in(bags)  # the third bag does not exist, and the last has no whole pass
     assert first == pytest.approx((0.5, 0.15, 5, 0.8), rel=0.01)
     assert second == pytest.approx((1.0, 0.5, 5, 0.8), rel=0.01)
 
