@@ -1,3 +1,3 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Learning while the line runs, from products of unknown mass."""
+"""Learning of weights from products of unknown mass while the line runs."""

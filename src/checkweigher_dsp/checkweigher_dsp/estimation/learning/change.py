@@ -17,21 +17,23 @@ from checkweigher_dsp.signal import Array
 RECENT = 20  # number of recent items in which a change is searched for
 _ALIKE = 1.25  # largest factor by which a compared load may be outside the range of learned loads
 _MOVED = 1.5  # smallest median shift of a part that is a change, in standard deviations of the part
-_GROWN = 6.0  # smallest ratio of the power of a spectral line to its learned power in a change.
-# Largest amplitude of the mean of several residuals, as a fraction of that of single residuals, for
-# a change to be a vibration.
+_GROWN = 6.0  # smallest ratio of the power of a spectral line to its learned power that is a change
+# A change is a vibration only if the standard deviation of the mean of several residuals is at most
+# this fraction of that of single residuals.
 _SAME_PHASE = 0.6
-_STRONG = 0.1  # smallest increase of a spectral line, as a fraction of the total learned power
+# Smallest increase of the power of a spectral line that is a change, as a fraction of the total
+# learned power.
+_STRONG = 0.1
 
 
 @dataclass(frozen=True)
 class Change(Settings):
     """Lasting change of the machine at a place of the pass or at a frequency.
 
-    If the change is at a place of the pass, the load there differs by `factor` standard deviations
-    of an item. `place` is relative, 0 at t1 and 1 at t3. If the change is a vibration, its power at
-    `frequency` in Hz is `factor` times the learned power. The other one of `place` and `frequency`
-    is NaN.
+    If the load has changed at a place of the pass, `frequency` is NaN. `place` is relative, 0 at t1
+    and 1 at t3. The median residual there differs from 0 by `factor` learned standard deviations.
+    If a vibration has grown, `place` is NaN, and the power at `frequency` in Hz is `factor` times
+    the learned power.
     """
 
     item_id: int = parameter(text='number of the item with which the change was noticed')
@@ -57,11 +59,11 @@ def is_comparable(known: Fit, load: float) -> bool:
 def find_change(
     known: Fit, residuals: Sequence[Array], duration: float, item_id: int
 ) -> Change | None:
-    """Return the change of the machine that residuals show, or None without a change.
+    """Return the change of the machine that the residuals of the last items show.
 
-    The `residuals` of the last items are (k,) each in kg. With fewer than `RECENT` of them, the
-    result is None. `duration` is the duration of a part of the pass in s, and `item_id` the number
-    of the last item.
+    Returns None if they show no change, or if there are fewer than `RECENT` of them. The residual
+    of an item is (k,) in kg; see `Fit.residual`. `duration` is the duration of a part of the pass
+    in s, and `item_id` the number of the last item.
     """
     if len(residuals) < RECENT:
         return None
@@ -87,13 +89,20 @@ def find_change(
 
 
 def strongest_frequency(known: Fit, duration: float) -> float:
-    """Return the frequency of the strongest residual in Hz for parts of `duration` in s."""
+    """Return the frequency in Hz, above 0, at which the residuals have the largest learned power.
+
+    `duration` is the duration of a part of the pass in s.
+    """
     line = 1 + int(np.argmax(known.spectrum[1:]))
     return _peak(known.spectrum, line) / (len(known.weights) * duration)
 
 
 def _peak(power: Array, line: int) -> float:
-    """Return the position of the peak of a spectrum around a line, interpolated between lines."""
+    """Return the index, with a fraction, of the peak of a spectrum at a line.
+
+    It is the mean of the line and its neighbours, weighted by their power. Negative power is
+    ignored.
+    """
     around = np.arange(max(line - 1, 0), min(line + 2, len(power)))
     share = np.maximum(power[around], 0.0)
     return float(around @ share / share.sum())

@@ -66,10 +66,12 @@ class LearningParameters(Parameters):
 
 @dataclass(frozen=True, eq=False)
 class ItemKind(Settings):
-    """State that was learned from one kind of items, which have the same belt speed and length.
+    """State that was learned from one kind of items, whose belt speeds and lengths are similar.
 
-    The passes are removed when learning is complete. `recent` contains the residuals of the last
-    items with a similar load, (k,) each.
+    `has` defines the tolerances. The passes are removed when learning is complete, or when a change
+    of the machine is noticed. `recent` contains the residuals, (k,) each, of at most `RECENT` items
+    whose loads were comparable with those from which the weights were learned. It is emptied when
+    the number of weights changes, and when a change of the machine is noticed.
     """
 
     speed: float = parameter(text='belt speed', unit='m/s', minimum=0)
@@ -117,7 +119,11 @@ class LearnedKinds(Settings):
 
 
 def learned_load(known: LearnedKinds, window: WeighWindow, load: LoadEstimate) -> LoadEstimate:
-    """Return the load in a window by the learned weights, or `load` if they do not apply."""
+    """Return the load in a window by the learned weights, or `load` if they are not used.
+
+    `load` is the result of the estimator. The weights are not used if the item is of an unknown
+    kind, `ItemKind.weighs` is False, or the signal before t1 is too short for them.
+    """
     kind = _kind_of(known, window)
     if kind is None or kind.fit is None or not kind.weighs:
         return load
@@ -132,7 +138,10 @@ def learned_load(known: LearnedKinds, window: WeighWindow, load: LoadEstimate) -
 def learn(
     known: LearnedKinds, window: WeighWindow, load: LoadEstimate, parameters: LearningParameters
 ) -> LearnedKinds:
-    """Return the learned state after an item. `load` is the load in its window by the estimator."""
+    """Return the learned state after an item, or `known` if its pass cannot be divided into parts.
+
+    `load` is the load that the estimator found in the window of the item.
+    """
     kind = _kind_of(known, window) or ItemKind(
         window.belt_speed, window.product_length, rise_parts_of(window)
     )
@@ -166,7 +175,11 @@ def _compared(
 
 
 def _taught(kind: ItemKind, passage: PassParts, parameters: LearningParameters) -> ItemKind:
-    """Return a kind of items with one more item, and with new weights after every `_STEP` items."""
+    """Return a kind of items with one more item.
+
+    Weights are learned from item ``fewest`` to item ``most``, at every fifth item (`_STEP`) and at
+    item ``most``. After item ``most`` or a change of the machine, the item is only counted.
+    """
     if kind.change is not None or kind.items >= parameters.most:
         return replace(kind, items=kind.items + 1)
     items, passages = kind.items + 1, (*kind.passages, passage)

@@ -57,7 +57,7 @@ class PassParts(Settings):
 
 
 def rise_parts_of(window: WeighWindow) -> int:
-    """Return the number of parts of a pass from t1 to t2, or 0 if a time is unknown."""
+    """Return the number of parts of a pass from t1 to t2, or 0 unless t1 < t2 < t3 are known."""
     whole = transit(window)
     share = rise_time(window) / whole if whole > 0 else 0.0
     return rise_parts(share) if 0 < share < 1 else 0

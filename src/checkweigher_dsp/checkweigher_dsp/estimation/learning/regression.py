@@ -8,10 +8,11 @@ Items of about the same mass form a cluster. The differences between the passes 
 mainly disturbance. R contains the deviations of the parts y from the means of the clusters, and d
 is the number of degrees of freedom. v is the mean variance of these deviations about the curve s of
 a load of 1. Differences between the masses in a cluster add a multiple of s s' to C, which does not
-change the weights. R'R is only approximate if there are few items. So C also contains the noise N
-of the empty belt, white noise I, and the ringing P of a platform. The weights are computed for a
-grid of a, b and c. Their average is weighted by the likelihoods of held-out masses. [own
-derivation, docs/method.md]
+change the weights. With few items, R'R / d is an inaccurate estimate of the covariance. So C also
+contains the covariances N of the empty belt, I of white noise, and P of the ringing of a platform.
+The weights are computed for a grid of a, b and c. The result is the average
+of these weights, each weighted by the likelihood of the held-out masses. [own derivation,
+docs/method.md]
 """
 
 from collections.abc import Sequence
@@ -97,7 +98,7 @@ class Fit(Settings):
         return len(self.weights) - PARTS
 
     def residual(self, passage: PassParts) -> Array:
-        """Return the last k parts of a pass minus the signal of its mass, (k,) in kg."""
+        """Return the last k parts of a pass minus the parts that its mass explains, (k,) in kg."""
         return passage.parts[-len(self.weights) :] - self.mass(passage) * self.curve
 
     def mass(self, passage: PassParts) -> float:
@@ -106,7 +107,11 @@ class Fit(Settings):
 
 
 def fit(passages: Sequence[PassParts], rise: int) -> Fit | None:
-    """Learn weights from items. Returns None if too few of the items have similar masses."""
+    """Learn weights from the passes of items. Returns None if too few masses are similar.
+
+    `rise` is the number of parts from t1 to t2. Up to 5 % of the passes are not used, if they have
+    fewer parts before t1 than the others.
+    """
     lead = min(int(np.quantile([each.lead for each in passages], _ALONE)), MOST_LEAD)
     used = [each for each in passages if each.lead >= lead]
     parts = np.array([each.parts[-lead - PARTS :] for each in used])
@@ -227,7 +232,10 @@ class _Items:
 
 
 def _clusters(loads: Array, width: float) -> NDArray[np.int_]:
-    """Return the cluster of each load, (n,). Gaps above `width` separate the clusters."""
+    """Return the number of the cluster of each load, (n,), from 0.
+
+    A gap between successive loads that is wider than `width` in kg separates two clusters.
+    """
     order = np.argsort(loads, kind='stable')
     result = np.empty(len(loads), dtype=np.int_)
     result[order] = np.append(0, np.cumsum(np.diff(loads[order]) > width))
