@@ -1,3 +1,3 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Estimation: the mass of an item and its uncertainty from a denoised window."""
+"""Estimation of the mass of an item, and of its uncertainty, from the weigh window of the item."""

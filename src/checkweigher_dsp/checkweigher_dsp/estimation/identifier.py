@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Estimation of the mass in weigh windows by the selected estimator."""
+"""Estimation of the masses of items from their weigh windows, by the selected estimator."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, make_dataclass, replace
@@ -62,8 +62,8 @@ class _OwnParameters(Parameters):
 def _with_sets(base: Any, estimators: Mapping[str, type[Estimator]]) -> Any:
     """Return a subclass of a parameter class, with one more field for each of the estimators.
 
-    Each field contains the parameters of an estimator. The type of the subclass is Any, because a
-    type checker does not see these fields.
+    Each of these fields has the name of an estimator, and by default contains its default
+    parameters. The return type is Any, because a type checker does not see these fields.
     """
     sets = [
         (name, type(each.parameters), field(default=each.parameters))
@@ -77,7 +77,13 @@ _AllParameters: Any = _with_sets(_OwnParameters, ESTIMATORS)
 
 @dataclass(frozen=True)
 class IdentifierParameters(_AllParameters, _OwnParameters):
-    """Parameters of the identifier, with a set of parameters for each of `ESTIMATORS`."""
+    """Parameters of the identifier, with a set of parameters for each of `ESTIMATORS`.
+
+    Raises
+    ------
+    ParameterError
+        If a value is not allowed, or the selected estimator needs a Python package that is missing.
+    """
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -91,13 +97,16 @@ class IdentifierParameters(_AllParameters, _OwnParameters):
         return cast(EstimatorParameters, getattr(self, self.estimator))
 
     def with_set(self, estimator: str, parameters: EstimatorParameters) -> Self:
-        """Return a copy with other parameters of one estimator."""
+        """Return a copy in which `parameters` replace the parameters of one estimator."""
         changes: dict[str, Any] = {estimator: parameters}
         return replace(self, **changes)
 
     @property
     def basis(self) -> str:
-        """Name of the estimator and hash of its parameters, which identify the learned state."""
+        """Name of the selected estimator and hash of its parameters.
+
+        A learned state is used only with the basis with which it was learned.
+        """
         values = json.dumps(self.chosen.as_mapping(), sort_keys=True)
         return f'{self.estimator} {hashlib.sha256(values.encode()).hexdigest()[:16]}'
 
@@ -107,17 +116,19 @@ _WithReferences: Any = _with_sets(IdentifierParameters, REFERENCES)
 
 @dataclass(frozen=True)
 class ComparedParameters(_WithReferences, IdentifierParameters):
-    """Parameters of an identifier for comparisons, which may also use one of `REFERENCES`."""
+    """Parameters of an identifier that may also select an estimator of `REFERENCES`."""
 
     estimator: str = parameter('iswd_eksi', 'estimator of the mass', choices=tuple(METHODS))
 
 
 class Identifier:
-    """Stage that estimates the mass in each weigh window.
+    """Stage that estimates the mass of each item from its weigh window.
 
     With `IdentifierParameters.learn`, the stage learns weights from each weighed window, and uses
     them for later windows if they are more precise than the estimator. `known` is the learned state
     of an earlier process. It is ignored if it belongs to another estimator or to other parameters.
+    `failures` handles exceptions. An item whose window causes an exception gets no mass, with the
+    reason StageFailed.
 
     Examples
     --------
@@ -144,15 +155,19 @@ class Identifier:
 
     @property
     def needs_denoised(self) -> bool:
-        """Whether the estimator uses the denoised signal instead of the raw signal."""
+        """Whether the estimator needs the denoised signal. All estimators need the raw signal."""
         return self._estimator.needs_denoised
 
     def estimate(self, window: WeighWindow) -> MassEstimate:
-        """Return the mass in a window with its uncertainty, or the reasons for no mass."""
+        """Return the mass of an item and its standard deviation, or the reasons for no mass."""
         return self.estimate_all([window])[0]
 
     def estimate_all(self, windows: Sequence[WeighWindow]) -> list[MassEstimate]:
-        """Return the mass in each window, with the same results to the last bit as `estimate`."""
+        """Return the mass of the item in each window, or the reasons for no mass.
+
+        The results are the same, to the last bit, as those of `estimate` for one window after the
+        other.
+        """
         refused = self._failures.each(self._refuse, self._failed, windows)
         accepted = [each for each, no in zip(windows, refused, strict=True) if no is None]
         loads: Iterator[LoadEstimate | MassEstimate] = iter(
@@ -162,7 +177,11 @@ class Identifier:
         return self._failures.each(self._weigh, self._failed, windows, found)
 
     def learn(self) -> None:
-        """Learn from the last weighed window, so that this does not delay the next `estimate`."""
+        """Learn from the last weighed window, if the stage has not learned from it yet.
+
+        Without this call, the stage learns from it when it weighs the next window, so that the next
+        mass is delayed.
+        """
         lesson, self._lesson = self._lesson, None
         if lesson is not None:
             self.learned = learn(self.learned, *lesson, self._parameters.learning)
@@ -175,7 +194,11 @@ class Identifier:
         return self._record(window, (Reason.STAGE_FAILED.value,))
 
     def _weigh(self, window: WeighWindow, load: LoadEstimate | MassEstimate) -> MassEstimate:
-        """Return the mass of a window, with the learned weights if they are trusted."""
+        """Return the mass of the item in a window, or the reasons for no mass.
+
+        `load` is the result of the estimator, or of `_refuse`. The mass is computed by the learned
+        weights instead of the estimator if they are trusted.
+        """
         if isinstance(load, MassEstimate):
             return load  # The window was refused, so this is an estimate without a mass.
         estimate = self._estimate(window, load)
@@ -189,13 +212,14 @@ class Identifier:
         if better is load:
             return estimate
         if not self._known.calibrated:
-            # Add the variance of the estimator, because the learned weights inherit its gain.
+            # The learned weights are scaled to the loads that the untrained estimator found, so an
+            # error of its gain is also theirs. Add the variance of the estimator for this error.
             better = replace(better, variance=better.variance + load.variance)
         learned = self._estimate(window, better)
         return estimate if learned.reasons else learned
 
     def _refuse(self, window: WeighWindow) -> MassEstimate | None:
-        """Return an estimate with the reasons if a window cannot be weighed, otherwise None."""
+        """Return an estimate with reasons and no mass if a window is refused, otherwise None."""
         if window.reasons:
             return self._record(window, window.reasons)
         count = len(window.denoised)
@@ -230,7 +254,7 @@ class Identifier:
         zero = (window.zero - window.zero_counts) / window.counts_per_kg
         stable = math.isnan(load.a1) or is_stable(load.a1, load.a2)
         limit = self._parameters.max_relative_std_dev * abs(mass)
-        # If mass or variance are NaN, a comparison is false, so that the estimate is rejected.
+        # If the mass or the variance is NaN, a comparison is false, so the item gets no mass.
         certain = variance >= 0 and math.sqrt(variance) <= limit < math.inf
         if not (stable and certain and is_in_window(load, window)):
             return self._record(window, (Reason.NO_CONVERGENCE.value,), zero=zero)

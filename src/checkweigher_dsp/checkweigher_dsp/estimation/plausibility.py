@@ -1,24 +1,27 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-r"""Check whether the signal of a window is plausible, by the noise of the empty belt before it.
+r"""Check whether a working analogue-to-digital converter can have produced a signal, by its noise.
 
-Platform and product add only smooth components to a signal. Above a quarter of the sample rate, the
-signal contains mainly the white noise of the electronics, which does not depend on the load. A
-high-pass filter, scaled to keep the variance of white noise, separates this noise. [own derivation]
-If the converter works, the filtered signal e and the readings have four properties:
+Apart from impacts, platform and product add only smooth components to a signal. Above a quarter of
+the sample rate, the signal contains mainly the white noise of the electronics, which does not
+depend on the load. A high-pass filter, scaled to keep the variance of white noise, separates this
+noise. [own derivation] If the converter works, the filtered signal e and the readings, which are
+the counts of the converter, have four properties:
 
 - The variance of e under a load, from t2 to t3, is not below that on the empty belt. The ratio
   of the variances has approximately an F distribution. Because the samples of e are correlated,
-  each of them counts as 1 / sum r_k^2 degrees of freedom, where r_k is the correlation of e at
-  lag k, over all positive and negative lags. If the signal is white noise, this is 0.48.
-- From t1 to t3, e shows no steps except those that the noise and the product explain. The product
-  causes an impact in proportion to load and speed, and a change of the slope at t1, t2 and t3.
-- The readings do not repeat. With white noise of s counts, no prediction is right for more than a
-  fraction p = erf(1 / (s sqrt 8)) of the readings. So among N readings, a sequence of w readings
-  occurs twice in at most N^2 p^w / 2 of all windows.
+  each of them counts as 1 / sum r_k^2 degrees of freedom. r_k is the correlation of e at lag k,
+  and the sum includes lag 0 and negative lags. If the signal is white noise, the value is 0.48.
+- From t1 to t3, the magnitude of e is not larger than noise and product explain. Another step of
+  the signal would make it larger. The product causes an impact in proportion to load and speed, and
+  a change of the slope at t1, t2 and t3.
+- The readings do not repeat. If the standard deviation of the white noise is s counts, no
+  prediction of a reading is right with a probability above p = erf(1 / (s sqrt 8)). So the
+  probability that a sequence of w readings occurs twice among N readings is at most N^2 p^w / 2.
 - The readings are seldom constant. Of n blocks of w readings, at most m = n p^(w-1) are expected to
-  be constant. By the Chernoff bound, k > m such blocks occur in at most (m / k)^k exp(k - m) of all
-  windows. More of them show that the signal repeatedly reaches a limit of the converter.
+  be constant. By the Chernoff bound, the probability of k or more constant blocks is at most
+  (m / k)^k exp(k - m) for k > m. If this bound is very small, the signal repeatedly reaches a limit
+  of the converter.
 
 Rounding hides noise below 0.3 counts. If the noise is below this limit, or if there are too few
 samples of the empty belt, only the steps are checked. If a quarter of the samples of e are 0, the
@@ -47,7 +50,7 @@ _QUARTILE = 0.3186  # first quartile of the absolute value of a standard normal 
 _ROUNDING = 1 / 12  # variance of the rounding error in counts^2
 _FEWEST = 24  # smallest number of samples of e on the empty belt from which noise is measured
 _CHANCE = 1e-5  # largest fraction of valid windows that a rule rejects by chance
-_CALM = -4.26  # standard normal deviate that is not exceeded with the probability `_CHANCE`.
+_CALM = -4.26  # A standard normal variable is below this value with the probability `_CHANCE`.
 # Samples of e on the empty belt are clipped to this many standard deviations, so that single
 # outliers do not increase their variance.
 _OUTLIER = 3.0
@@ -58,7 +61,11 @@ _STRIKE = 2e-3  # step due to the impact of a product, as a fraction of the load
 
 
 def is_plausible(window: WeighWindow) -> bool:
-    """Return whether a working converter can have produced the signal of a consistent window."""
+    """Return whether a working converter can have produced the signal of a window.
+
+    The result is also True if the noise is too small to be measured, or if there are no samples of
+    e. The fields of the window must be consistent, as checked by `is_consistent`.
+    """
     begin, end = window.window_begin, window.window_end
     entry = int(np.searchsorted(time_since_entry(window, 0, end), 0.0))
     first = min(window.empty_begin, entry)
@@ -102,9 +109,11 @@ def _impact(load: float, speed: float, entered: int, leaves: int, count: int) ->
 
 
 def _is_calmer(level: Array, empty: Array) -> bool:
-    """Return whether an F test shows that a signal has less variance than the empty belt.
+    """Return whether an F test shows that e has less variance under a load than on the empty belt.
 
-    The approximation of Paulson (1942) converts the ratio to a standard normal deviate.
+    `level` and `empty` are e under the load and on the empty belt. The approximation of Paulson
+    (1942) converts the ratio of their variances to a standard normal deviate. The result is False
+    if `level` is empty.
     """
     if not len(level):
         return False
@@ -117,7 +126,10 @@ def _is_calmer(level: Array, empty: Array) -> bool:
 
 
 def _stands_still(level: NDArray[np.int64], predicted: float) -> bool:
-    """Return whether more blocks of readings are constant than chance explains."""
+    """Return whether more blocks of readings are constant than chance explains.
+
+    `level` contains the readings from t2 to t3, and `predicted` is the probability p.
+    """
     for width in _BLOCKS:
         blocks = level[: len(level) // width * width].reshape(-1, width)
         found = np.count_nonzero(np.ptp(blocks, axis=1) == 0)
@@ -129,7 +141,10 @@ def _stands_still(level: NDArray[np.int64], predicted: float) -> bool:
 
 
 def _is_repeated(counts: NDArray[np.int64], predicted: float) -> bool:
-    """Return whether a sequence of readings that is too long for chance occurs twice."""
+    """Return whether a sequence of readings occurs twice that is too long to repeat by chance.
+
+    `predicted` is the probability p.
+    """
     length = math.ceil(math.log(2 * _CHANCE / len(counts) ** 2) / math.log(predicted))
     if length >= len(counts):
         return False
@@ -139,5 +154,9 @@ def _is_repeated(counts: NDArray[np.int64], predicted: float) -> bool:
 
 @lru_cache(maxsize=64)
 def _factors(length: int) -> NDArray[np.int64]:
-    """Return random factors, (length,), for a hash: the sum of the readings times these factors."""
+    """Return the factors, (length,), of a hash of `length` readings.
+
+    The hash is the sum of the readings multiplied by these factors, which are random, but always
+    the same for a length.
+    """
     return np.random.Generator(np.random.PCG64(length)).integers(-(2**62), 2**62, length)
