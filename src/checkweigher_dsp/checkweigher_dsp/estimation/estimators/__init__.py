@@ -18,8 +18,8 @@ from checkweigher_dsp.estimation.estimators.lms_notch import LmsNotch
 from checkweigher_dsp.estimation.estimators.tvlp_mf import TvlpMf
 from checkweigher_dsp.estimation.estimators.tvlpf import Tvlpf
 
-# The estimators are sorted from simple to complex. The command `tune` selects a simpler estimator
-# than the best one if its loss of accuracy is negligible.
+# The estimators are sorted from simple to complex. If a simpler estimator is only negligibly less
+# accurate than the most accurate one, the command `tune` selects the simpler one.
 ESTIMATORS: dict[str, type[Estimator]] = {
     'mean': Mean,
     'hann': Hann,

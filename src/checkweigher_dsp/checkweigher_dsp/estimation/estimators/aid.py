@@ -14,10 +14,10 @@ model is a FIR filter that makes n white when it is applied to x and u. Least sq
 filtered signals gives better coefficients, from which the residual and the filter are computed
 again. A fixed low-pass filter is also applied.
 
-The product is fully on the belt during the window, so u is 1 for each output of the filter whose
-taps are all within the window. Other outputs are discarded. The taps are divided by their sum, so
-that the prefiltered u is also 1. The sum is never 0, because for a model by Burg's method it is the
-product of 1 + k over the reflection coefficients k.
+The product is fully on the belt during the window, so u is 1. An output of the filter is used only
+if all taps are within the window when it is computed. Other outputs are discarded. The taps are
+divided by their sum, so that the prefiltered u is also 1. The sum is never 0, because for a model
+by Burg's method it is the product of 1 + k over the reflection coefficients k.
 
 With a constant input, the sum of the least-squares residuals is 0. So the mass is the mean of the
 prefiltered window, apart from corrections for the oscillation at both ends. The effect of the
@@ -124,11 +124,15 @@ class Aid(Estimator):
     )
 
     def estimate(self, window: WeighWindow) -> LoadEstimate:
-        """Return the steady state of the identified platform."""
+        """Return the steady state of the identified platform as the load; see `estimate_all`."""
         return self.estimate_all([window])[0]
 
     def estimate_all(self, windows: Sequence[WeighWindow]) -> list[LoadEstimate]:
-        """Return the steady state in each window. Windows of equal length are fitted together."""
+        """Return the load in each window, the steady state of the identified platform.
+
+        The load is NaN for a window of fewer than `LEAST_SAMPLES` samples from t2 to t3. Windows
+        with the same number of samples, settings and sample rate are processed together.
+        """
         loads = [LoadEstimate(math.nan)] * len(windows)
         batches = defaultdict(list)
         for number, window in enumerate(windows):
@@ -156,11 +160,11 @@ class Aid(Estimator):
 
 @dataclass(frozen=True)
 class AdaptiveIdentification(Identification):
-    """Identification of each window; `stable` is whether the last iteration found stable poles.
+    """Identification of the platform in each window, with its stability.
 
-    If the last poles are unstable, AID returns the values of the last iteration with stable poles.
-    Without such an iteration, `gain` and `b1` are the Hann-weighted mean of the window, and a1 and
-    a2 are 0.
+    `stable`, (windows,), is whether the last iteration found stable poles. If they are unstable,
+    AID returns the values of the last iteration with stable poles. Without such an iteration,
+    `gain` and `b1` are the Hann-weighted mean of the window, and a1 and a2 are 0.
     """
 
     stable: NDArray[np.bool_]
@@ -232,7 +236,11 @@ def prefilter(samples: Array, taps: Array) -> Array:
 
 
 def hann_lowpass(cutoff: float, sample_rate: float) -> Array:
-    """Return the taps of a Hann low-pass filter of unity gain; the -3 dB cut-off is in Hz."""
+    """Return the taps, with sum 1, of a low-pass filter with the shape of a Hann window.
+
+    `cutoff` is the -3 dB cut-off in Hz. It is approximate, because the number of taps is rounded.
+    The filter has a single tap if the cut-off is at least 0.29 times the sample rate.
+    """
     count = max(1, round(min(_HANN_CUTOFF * sample_rate / cutoff, _MOST_TAPS)) - 1)
     taps = np.hanning(count + 2)[1:-1]
     return taps / taps.sum()
@@ -241,9 +249,10 @@ def hann_lowpass(cutoff: float, sample_rate: float) -> Array:
 def _prefiltered(
     samples: Array, settings: AdaptiveSettings, sample_rate: float
 ) -> tuple[Array, Array, AdaptiveIdentification]:
-    """Return the windows after the last prefilter, their means, and the previous identification.
+    """Return the windows after the last prefilter, their means, and the last identification before.
 
     The windows are divided by their means, (windows,). A mean that is 0 or not finite becomes NaN.
+    With one iteration, the identification is the result of `_start`.
     """
     scale = np.mean(samples, axis=-1)
     scale = np.where(np.isfinite(scale) & (scale != 0), scale, np.nan)
@@ -302,7 +311,10 @@ def _residual(x: Array, fit: AdaptiveIdentification) -> Array:
 
 
 def _whitening(residual: Array, max_order: int) -> Array:
-    """Return taps with sum 1 that make each residual white, padded with zeros."""
+    """Return the taps, (windows, p + 1) with sum 1, of filters that make the residuals white.
+
+    The filter of a window may have an order below p. Its taps are then padded with zeros.
+    """
     count = residual.shape[-1]
     max_order = min(max_order, count // 3)
     taps = np.zeros((len(residual), max_order + 1))

@@ -31,7 +31,9 @@ class LoadEstimate:
     """Load that an estimator finds in a window, before gain and offset are applied."""
 
     mass: float  # load in kg, or NaN if it cannot be estimated
-    variance: float = math.nan  # variance in kg^2 without that of the zero, or NaN if unknown.
+    # Variance in kg^2, or NaN if it is unknown. It includes the variance of the zero only if it was
+    # `measured`, or if it comes from a learned model of `GaussMarkov`.
+    variance: float = math.nan
     # Coefficients of the platform, with b1 in kg; NaN if the estimator does not identify them.
     a1: float = math.nan
     a2: float = math.nan
@@ -45,7 +47,12 @@ class EstimatorParameters(Parameters):
     """Parameters that all estimators have, learned from passes at one or more belt speeds.
 
     Each list has one value for each of ``speeds``, except those for which a subclass overrides
-    `fits`. The values are interpolated between the speeds.
+    `fits`. The values are interpolated linearly between the speeds, and constant beyond them.
+
+    Raises
+    ------
+    ParameterError
+        If the speeds do not ascend, there is no speed, or a list has a wrong number of values.
     """
 
     calibrated: bool = parameter(False, 'whether the lists below come from training passes')
@@ -96,17 +103,27 @@ class EstimatorParameters(Parameters):
         return float(np.interp(speed, self.speeds, values) if len(values) > 1 else values[0])
 
     def for_speed(self, speed: float, lists: Mapping[str, Any]) -> Self:
-        """Return uncalibrated parameters for one belt speed in m/s, with the given `lists`."""
+        """Return uncalibrated parameters for one belt speed in m/s, with the given `lists`.
+
+        The parameters that all estimators have get their default values, unless `lists` contains
+        them. The other parameters are kept.
+        """
         common = {entry.name: entry.default for entry in fields(EstimatorParameters)}
         return replace(self, **{**common, 'speeds': (speed,), **lists})
 
     def row_at(self, name: str, speed: float) -> Array:
-        """Return the values of a list with several values per speed, at a belt speed in m/s."""
+        """Return the values at a belt speed in m/s of the list `name`.
+
+        The list has the same number of values for each of ``speeds``, one speed after the other.
+        """
         table = np.reshape(getattr(self, name), (len(self.speeds), -1))
         return np.array([np.interp(speed, self.speeds, column) for column in table.T])
 
     def is_trained(self, speed: float, tolerance: float) -> bool:
-        """Return whether a speed in m/s is in the trained range, with a relative tolerance."""
+        """Return whether a speed in m/s is in the range of ``speeds``.
+
+        `tolerance` extends the range on both sides, as a fraction of its bounds.
+        """
         slowest, fastest = self.speeds[0], self.speeds[-1]
         return slowest * (1 - tolerance) <= speed <= fastest * (1 + tolerance)
 
@@ -181,10 +198,10 @@ class Average(Estimator):
 
     @abstractmethod
     def average(self, samples: Array, window: WeighWindow) -> float:
-        """Return the average in kg of the samples of a window, (n,), or NaN if there is none."""
+        """Return the average in kg of the samples of a window, (n,), or NaN if it is undefined."""
 
     def estimate(self, window: WeighWindow) -> LoadEstimate:
-        """Return the average of a window, with a rough variance."""
+        """Return the average of the window as the load, with the variance by `rough_variance`."""
         samples = raw_samples(window)
         return LoadEstimate(float(self.average(samples, window)), rough_variance(samples))
 
@@ -198,7 +215,8 @@ def rough_variance(samples: Array) -> float:
     """Estimate the variance of an average in kg^2 without training.
 
     The estimate uses the difference between the averages of the two halves of the samples, (n,) in
-    kg. The scatter of the samples is added, because the halves may agree by chance.
+    kg. The scatter of the samples is added, because the halves may agree by chance. The result is
+    NaN for a single sample.
     """
     half = len(samples) // 2
     difference = hann_mean(samples[:half]) - hann_mean(samples[-half:])
@@ -206,7 +224,7 @@ def rough_variance(samples: Array) -> float:
 
 
 def is_in_window(load: LoadEstimate, window: WeighWindow) -> bool:
-    """Return whether a load is close to the mean of the samples of its window.
+    """Return whether a load is close to the mean of the raw samples from t2 to t3.
 
     An estimator may assume a certain rise of the load. If the load rises in another way, because
     the belt stops or an unseen object leaves the belt, the estimate may be far from the mean.

@@ -67,7 +67,11 @@ class FirModel(Average):
     fewest = 2
 
     def average(self, samples: Array, window: WeighWindow) -> float:
-        """Return the weighted sum, with weights interpolated between the training speeds."""
+        """Return the sum of the samples, weighted by the curve for the belt speed.
+
+        The curve is interpolated between the training speeds. The result is NaN if the weights
+        cannot be scaled to a sum of 1.
+        """
         curve = self.parameters.row_at('weights', window.belt_speed)
         try:
             return float(np.add.reduce(samples * fir_weights(curve, len(samples))))
@@ -117,9 +121,10 @@ def fit_fir(samples: Sequence[Array] | Array, masses: Array, count: int, ridge: 
     r"""Learn the weights with the smallest error on training passes, at unity gain.
 
     With a value of 1, knot j contributes z_j to the weighted sum of a window, and would contribute
-    c_j to that of a constant load of 1. The error :math:`e_j = z_j - M c_j` may depend on the mass
-    M. Gain and offset correct this part later, so the linear regression of the error on M is
-    subtracted. The remainder has the covariance R. The values w of the knots minimise
+    c_j to that of a constant load of 1. M is the true mass, and :math:`e_j = z_j - M c_j` is the
+    error. Gain and offset later correct the part of the error that depends linearly on M. So this
+    part is computed by linear regression on M, and subtracted. The remainder has the covariance R.
+    The values w of the knots minimise
 
     .. math:: w' R w + \lambda \bar R \, |\Delta^2 w|^2 \quad\text{with}\quad c' w = 1,
 

@@ -6,9 +6,10 @@ The signal of a pass is a known shape times the mass, plus other motion of the b
 
 .. math:: y(t) = M s(t; M, v) + z + \sum_i c_i o_i(t) + n(t)
 
-s is the response of the platform to the entering load, z an error of the zero, and n noise with the
-covariance C. o_i are free oscillations of the platform, caused by the previous product and by the
-impact at entry. If C is known, generalised least squares has the smallest variance of all unbiased
+s is the response of the platform to the entering load at the belt speed v, divided by the mass M. z
+is an error of the zero, and n is noise with the covariance C. o_i are free oscillations of the
+platform with unknown amplitudes c_i, caused by the previous product and by the impact at entry. If
+C is known, the estimate by generalised least squares has the smallest variance of all unbiased
 linear estimates of the mass. The signal before t1, where s is 0, is also used, because it shows z,
 the oscillations and, by C, the vibration that continues in the window. [own derivation,
 docs/method.md]
@@ -42,7 +43,8 @@ from checkweigher_dsp.signal.prewhitening import Prewhitener, pooled_reflections
 _LEAST_CHANGE = 1e-9  # relative change of the mass at which the iteration ends
 _MAX_ITERATIONS = 8
 _FREE = 1.0  # prior standard deviation of an unknown oscillation in kg
-_RATE_TOLERANCE = 1e-3  # largest relative deviation of the sample rate.
+# Largest relative deviation of the sample rate of a window from that of the noise model.
+_RATE_TOLERANCE = 1e-3
 # Noise models are computed for belt speeds that are multiples of this step in m/s, so that they can
 # be cached. Within a step, a spectral line moves by less than its width.
 _SPEED_STEP = 1e-3
@@ -139,7 +141,12 @@ class PassSignal:
 
 
 def pass_signal(window: WeighWindow, parameters: GaussMarkovParameters) -> PassSignal:
-    """Return the used part of a window, from the empty belt before t1 to the end of the window."""
+    """Return the used part of the signal of a window.
+
+    It begins after the previous item has left, and at most ``lead_time`` before t1, or before the
+    beginning of the rise of the load if this is earlier. It ends with the last sample, which may be
+    after t3. The times of the load follow from t1, t2, t3, ``entry_begin`` and ``entry_end``.
+    """
     begin_at = parameters.entry_begin / window.belt_speed
     end_at = parameters.entry_end / window.belt_speed + rise_time(window)
     # The load falls one transit after it rises.
@@ -174,7 +181,12 @@ class GaussMarkov(Estimator):
         self._whitener = lru_cache(maxsize=32)(self._whitener_at)
 
     def estimate(self, window: WeighWindow) -> LoadEstimate:
-        """Return the load in a window. Its variance includes the zero if the model is learned."""
+        """Return the load in a window by the learned model, or else by `estimate_untrained`.
+
+        With a learned model, the variance includes that of the zero. The load is NaN if the sample
+        rate is not that of the model, the signal begins after the rise of the load, or the residual
+        is larger than ``max_misfit`` allows.
+        """
         known = self.parameters
         if not known.sample_rate:
             return estimate_untrained(window)
@@ -246,8 +258,8 @@ def estimate_untrained(window: WeighWindow) -> LoadEstimate:
     """Estimate the load in a window without training, by a noise model of the empty belt.
 
     The platform is unknown, but the belt excites its resonance. So an autoregression of the empty
-    belt reduces the effect of ringing in the window. If the empty belt is too short or has no
-    noise, the estimate is the Hann-weighted mean.
+    belt reduces the effect of ringing in the window. If the signal of the empty belt has fewer than
+    six samples or no noise, the estimate is the Hann-weighted mean.
     """
     samples = raw_samples(window)
     t1, sample_rate = window.t1 or 0, window.sample_rate

@@ -1,6 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""ISWD-EKSI estimator: an extended Kalman identification of the denoised window."""
+"""ISWD-EKSI estimator: extended Kalman identification of the platform from the denoised signal.
+
+The name means improved stationary wavelet denoising and extended Kalman system identification. The
+denoising is a stage of its own; see `Denoiser`.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,7 +31,7 @@ from checkweigher_dsp.signal.extended_kalman import Identification, Noise, ident
 
 @dataclass(frozen=True)
 class IswdEksiParameters(EstimatorParameters):
-    """Parameters of ISWD-EKSI: the variances of the Kalman filter."""
+    """Parameters of ISWD-EKSI: the variances of the Kalman filter, and the use of `doubt`."""
 
     node: ClassVar[str] = 'identifier.iswd_eksi'
 
@@ -101,11 +105,15 @@ class IswdEksi(Estimator):
     )
 
     def estimate(self, window: WeighWindow) -> LoadEstimate:
-        """Return the steady state of the identified platform, which `doubt` may correct."""
+        """Return the steady state of the identified platform as the load.
+
+        Without training, `doubt` averages it with the level of the window, unless the parameter
+        ``doubt`` is False.
+        """
         return self.estimate_all([window])[0]
 
     def estimate_all(self, windows: Sequence[WeighWindow]) -> list[LoadEstimate]:
-        """Return the load in each window. All windows are identified in one call."""
+        """Return the load in each window. One call of `identify_passes` processes all windows."""
         passes = [denoised_pass(window) for window in windows]
         removed = [
             np.var(raw_samples(window) - window.denoised[window.window_begin : window.window_end])
@@ -139,8 +147,8 @@ def identify_passes(
     noise : Noise
         Variances of the Kalman filter, with R as a multiple of the removed variance.
     rise : float or ndarray, (passes,)
-        Factor of R while the load rises, at least 1. It is usually larger, because products do not
-        enter at an exactly constant speed.
+        Factor by which R is multiplied while the load rises, at least 1. A factor above 1 allows
+        for products that do not enter at an exactly constant speed.
 
     Returns
     -------

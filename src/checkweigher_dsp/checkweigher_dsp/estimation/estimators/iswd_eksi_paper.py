@@ -68,7 +68,11 @@ class IswdEksiPaper(Estimator):
     look = PlotStyle('ISWD-EKSI, literal', 'd', '#e7a27c', '#b5653a')
 
     def estimate(self, window: WeighWindow) -> LoadEstimate:
-        """Return the steady state of the identified platform, M = b1 / (1 + a1 + a2)."""
+        """Return the steady state of the identified platform, M = b1 / (1 + a1 + a2).
+
+        The load is NaN if 1 + a1 + a2 is 0, or if the mean of the denoised samples is 0 or not
+        finite.
+        """
         known, samples = self.parameters, raw_samples(window)
         denoised = denoise(samples, window.belt_speed, known.threshold_unit)
         # X0 = 0 and P0 = I have no unit, so the signal is scaled to a load of 1 (errata).
@@ -90,11 +94,12 @@ class IswdEksiPaper(Estimator):
 
 
 def denoise(samples: Array, speed: float, unit: float) -> Array:
-    """Return a window (n,) after improved stationary wavelet denoising (section 2).
+    """Return samples (n,) in kg after improved stationary wavelet denoising (section 2).
 
     Details 1 to 4 are set to 0. Details 5 to 7 are shrunk by the gains and thresholds of Table 1 at
     the belt speed in m/s: ``d' = sgn(d) gamma (|d| - lambda)`` if ``|d| >= lambda``, otherwise 0.
-    The padding is the Hann-weighted mean of the window (open).
+    `unit` is the unit of the thresholds in kg. The padding is the Hann-weighted mean of the samples
+    (open).
     """
     length = 128 * math.ceil(max(_STRETCH, 2 * len(samples)) / 128)
     begin = (length - len(samples)) // 2
@@ -114,9 +119,11 @@ def denoise(samples: Array, speed: float, unit: float) -> Array:
 
 
 def identify(signal: Array, measurement: float, process: float) -> Any:
-    """Return the Kalman filter of filterpy after all samples of a signal (n,) (section 3).
+    """Return a Kalman filter of filterpy that has processed a signal (n,) (section 3).
 
-    The state is X = [x(k), x(k-1), a1, a2, b1], and u is 1 between t2 and t3.
+    The state is X = [x(k), x(k-1), a1, a2, b1], and u is 1 for all samples, which are between t2
+    and t3. `measurement` is R, and `process` is the variance of x in Q. The other elements of Q are
+    0.
     """
     # Import filterpy only when it is used, because it loads SciPy, which is slow.
     from filterpy.kalman import ExtendedKalmanFilter

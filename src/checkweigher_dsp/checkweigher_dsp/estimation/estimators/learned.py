@@ -114,7 +114,12 @@ class Learned(Estimator):
     look = PlotStyle('Learned', '*', '#a3123a', '#ff6f91')
 
     def estimate(self, window: WeighWindow) -> LoadEstimate:
-        """Return the weighted sum, with weights interpolated between the training speeds."""
+        """Return the weighted sum of the parts as the load.
+
+        The weights are interpolated between the training speeds. If the item follows too closely
+        behind the previous one, only the parts from t2 to t3 are used, with ``weights_alone``.
+        Without training, the load is the Hann-weighted mean. The variance is `rough_variance`.
+        """
         known, samples = self.parameters, raw_samples(window)
         if not known.parts:
             return LoadEstimate(float(hann_mean(samples)), rough_variance(samples))
@@ -134,12 +139,18 @@ def _between(speed: float, speeds: tuple[float, ...], table: Array) -> Array:
 
 
 def rise_parts(share: float) -> int:
-    """Return how many of the `PARTS` parts are before t2; `share` is (t2 - t1) / (t3 - t1)."""
+    """Return how many of the `PARTS` parts from t1 to t3 are before t2, 1 to ``PARTS - 1``.
+
+    `share` is (t2 - t1) / (t3 - t1).
+    """
     return min(max(round(PARTS * share), 1), PARTS - 1)
 
 
 def seconds_alone(window: WeighWindow) -> float:
-    """Return the time in s before t1 during which no other item was on the belt."""
+    """Return the time in s before t1 during which no other item was on the belt.
+
+    The result is negative if the previous item left after t1.
+    """
     return -float(time_since_entry(window, window.empty_begin, window.empty_begin + 1)[0])
 
 

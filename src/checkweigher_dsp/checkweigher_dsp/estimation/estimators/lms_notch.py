@@ -10,6 +10,8 @@ one frequency (Widrow et al., Adaptive noise cancelling, Proceedings of the IEEE
 sine of this frequency, w their amplitudes in d, and e is the output of the filter:
 
 .. math:: e = d - w' x,\quad w \leftarrow w + 2 \mu e x,\quad \mu = \beta - \beta / (1 + \alpha e^2)
+
+The step size mu increases with e from 0 towards beta. The larger alpha is, the faster it increases.
 """
 
 from dataclasses import dataclass
@@ -83,7 +85,10 @@ class LmsNotch(Average):
     )
 
     def average(self, samples: Array, window: WeighWindow) -> float:
-        """Return the trimmed mean of the moving averages of the filtered signal."""
+        """Return the trimmed mean of the moving averages of the filtered signal in kg.
+
+        The result is NaN if the mean of the samples is 0.
+        """
         level, count = float(np.mean(samples)), len(samples)
         if level == 0:
             return math.nan
@@ -100,7 +105,11 @@ class LmsNotch(Average):
 
 
 def notch(signal: Array, angle: float, step: float, sharpness: float) -> Array:
-    """Return a signal, (n,), without the oscillation that advances by `angle` rad per sample."""
+    """Return a signal, (n,), without the oscillation that advances by `angle` rad per sample.
+
+    The filter adapts to the oscillation, so it does not remove the first periods completely. `step`
+    is beta, and `sharpness` is alpha.
+    """
     phase, first, second = angle * np.arange(len(signal)), 0.0, 0.0
     left = []
     for value, cosine, sine in zip(

@@ -62,7 +62,10 @@ class TvlpMf(Tvlpf):
 def lowpass_matrix(
     count: int, sections: int, initial_cutoff: float, final_cutoff: float, decay: float, rate: float
 ) -> Array:
-    """Return the weight of each sample in each output of the filter of TVLPF, (count, count)."""
+    """Return the weight of each sample in each output of the filter of TVLPF, (count, count).
+
+    Row n contains the weights in output n. See `lowpass_weights` for the parameters.
+    """
     steps = lowpass_steps(count, initial_cutoff, final_cutoff, decay, rate)
     section = np.zeros((count, count))
     section[0, 0] = 1.0

@@ -9,6 +9,9 @@ follows the load quickly, and a filter with a low cut-off suppresses vibration. 
 during the window:
 
 .. math:: f(n) = f_\infty + (f_0 - f_\infty) r^n .
+
+f(n) is the cut-off frequency at sample n after t2. It falls from f_0 towards f_inf, and r is the
+ratio by which its distance from f_inf is multiplied at each sample.
 """
 
 from dataclasses import dataclass
@@ -72,13 +75,13 @@ class Tvlpf(Average):
     )
 
     def average(self, samples: Array, window: WeighWindow) -> float:
-        """Return the output of the filter at t3."""
+        """Return the output of the filter at the last sample before t3."""
         count = len(samples)
         weights = lowpass_weights(count, *self.settings(window, count))
         return float(np.add.reduce(samples * weights))
 
     def settings(self, window: WeighWindow, count: int) -> tuple[int, float, float, float, float]:
-        """Return the arguments of `lowpass_weights` after `count`, for a window of this length."""
+        """Return all arguments of `lowpass_weights` except `count`, the number of samples."""
         known, speed = self.parameters, window.belt_speed
         return (
             max(1, round(known.at('sections', speed))),
@@ -92,9 +95,9 @@ class Tvlpf(Average):
 def lowpass_steps(
     count: int, initial_cutoff: float, final_cutoff: float, decay: float, sample_rate: float
 ) -> Array:
-    """Return the weight alpha(n) of each sample in the output of a section, (n,).
+    """Return alpha(n), the weight of sample n in the output of a section at this sample, (count,).
 
-    The function `lowpass_weights` describes alpha(n) and the parameters.
+    See `lowpass_weights` for the formula of alpha(n) and for the parameters.
     """
     cutoff = final_cutoff + (initial_cutoff - final_cutoff) * decay ** np.arange(count)
     steps: Array = -np.expm1(-2 * math.pi / sample_rate * cutoff)
@@ -124,19 +127,20 @@ def lowpass_weights(
     Parameters
     ----------
     count : int
-        Length n of the window, at least 1.
+        Number of samples of the window, at least 1.
     sections : int
         Number of first-order sections, at least 1.
     initial_cutoff, final_cutoff : float
         Cut-off frequencies f_0 and f_inf in Hz, not negative.
     decay : float
-        Decay r of the cut-off per sample, 0 to 1.
+        Ratio r by which the distance of the cut-off from f_inf is multiplied at each sample, 0 to
+        1.
     sample_rate : float
         Sample rate in Hz.
 
     Returns
     -------
-    ndarray, (n,) float64
+    ndarray, (count,) float64
         Read-only weights, which are not negative and have the sum 1.
 
     Examples

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Estimates of the load on a machine without training, and their uncertainty.
+"""Estimates of the load, and of their uncertainty, for a machine whose estimator is not trained.
 
 `window_level` assumes only a constant load in the window. The other functions compare the rise of
 the load with an even rise on the default platform. [own derivation, docs/method.md]
@@ -20,7 +20,9 @@ from checkweigher_dsp.signal.autoregression import pooled_autocovariance
 from checkweigher_dsp.signal.averages import hann_mean
 from checkweigher_dsp.signal.rise_lag import PLATFORM_LAG, lag_of
 
-_PARTS = 64  # least number of parts of a window, which resolve 80 Hz on a slow belt.
+# Smallest number of parts of a window, which resolve 80 Hz on a slow belt. If a window has fewer
+# samples, each sample is a part.
+_PARTS = 64
 # Additional noise at both ends of a window, as fractions of the variance of the disturbance. It is
 # larger at t2 than at t3, because ring-down and a late load extend far into the window.
 _ENTRY_NOISE = 0.05
@@ -31,7 +33,8 @@ _EDGE_EXPONENT = 1.5  # exponent of the additional noise near both ends.
 _WHITE = 1e-3
 _ITERATIONS = 2
 SETTLE_TIME = 0.1  # duration of the ring-down after the previous item in s
-_RISE_PARTS = 3  # number of parts of the rise, above the period of most platforms.
+# Number of parts of the rise. A part is about as long as a period of most platforms, or longer.
+_RISE_PARTS = 3
 # Factor of the standard deviation of the level. Without it, the standard deviation is too large,
 # because ringing decays within the window. The factor was measured on 21 machines that no estimator
 # was trained on.
@@ -41,11 +44,13 @@ _STATED = 0.6
 def doubt(window: WeighWindow, load: LoadEstimate) -> LoadEstimate:
     """Return the weighted mean of `window_level` and of an estimate that uses the rise of the load.
 
-    Level and estimate are weighted by their inverse variances. The variance of `load` increases
-    with the residual between t1 and t2 and with the lag of the rise. Both are caused by misplaced
-    photo-eyes, bounces, or an unexpected platform or amplifier. Smoothing spreads their effect over
-    the pass. The standard deviation of the result is `_STATED` times that of the level alone,
-    because a single pass cannot show whether an estimate is wrong although the rise fits it.
+    The estimate is `load`. It is returned unchanged if `is_in_window` is False for it, or if the
+    sum of both variances is 0 or unknown. Level and estimate are weighted by their inverse
+    variances. The variance of `load` is increased by the residual between t1 and t2, and by the
+    difference between the lag of the rise and that of the default platform. Both are caused by
+    misplaced photo-eyes, bounces, or an unexpected platform or amplifier. Smoothing spreads their
+    effect over the pass. The standard deviation of the result is `_STATED` times that of the level
+    alone, because a single pass cannot show whether an estimate is wrong although the rise fits it.
     """
     if not is_in_window(load, window):
         return load  # The identifier rejects a load that is far from the mean of the samples.
@@ -63,13 +68,14 @@ def doubt(window: WeighWindow, load: LoadEstimate) -> LoadEstimate:
 
 
 def window_level(window: WeighWindow) -> tuple[float, float]:
-    """Return the mean load of a window (its level) and the standard deviation, both in kg.
+    """Return the weighted mean of the samples of a window (its level) and its standard deviation.
 
-    The weights of the mean are Gauss-Markov weights. The covariance of the disturbance is that of
-    the window about its level, plus that of the empty belt before the window. For a broadband
-    disturbance, the result is close to a plain mean. For spectral lines, it is close to a mean with
+    Both are in kg. The weights are Gauss-Markov weights. The covariance of the disturbance is that
+    of the window about its level, plus that of the empty belt before the window. For a broadband
+    disturbance, the level is close to a plain mean. For spectral lines, it is close to a mean with
     smooth weights. Additional noise reduces the weights near t3 and even more near t2, where
-    ringing and an incomplete load may remain.
+    ringing and an incomplete load may remain. Without a disturbance, the level is the Hann-weighted
+    mean, and the standard deviation is 0.
     """
     samples = raw_samples(window)
     size = max(len(samples) // _PARTS, 1)
@@ -95,11 +101,12 @@ def window_level(window: WeighWindow) -> tuple[float, float]:
 
 
 def rise_misfit(window: WeighWindow, mass: float) -> float:
-    """Return the rms residual in kg between t1 and t2 of a linear rise to a load of `mass` in kg.
+    """Return the rms residual in kg of the signal between t1 and t2 from an even rise of the load.
 
-    The assumed load lags by the delay of the default platform. The residual is computed from the
-    means of the thirds of the rise, so that ringing averages out. The noise of the empty belt is
-    subtracted. If the rise has fewer than three samples, the result is 0.
+    The assumed load rises linearly to `mass` in kg, and lags by the delay of the default platform.
+    The residual is computed from the means of parts of about a third of the rise, so that ringing
+    averages out. The power of such means of the empty belt is subtracted from its power. The result
+    is 0 if this power is larger, or if the rise has fewer than three samples.
     """
     time = time_since_entry(window)
     entry = max(int(np.searchsorted(time, 0.0)), window.empty_begin)
@@ -124,7 +131,10 @@ def lag_doubt(window: WeighWindow) -> float:
 
 
 def _empty_belt(window: WeighWindow) -> Array:
-    """Return the signal of the empty belt in kg, from the end of the last ring-down up to t1."""
+    """Return the signal of the empty belt in kg, from the ring-down of the previous item to t1.
+
+    The ring-down is not included. The result is empty if t1 is within the ring-down.
+    """
     entry = int(np.searchsorted(time_since_entry(window), 0.0))
     begin = window.empty_begin + round(SETTLE_TIME * window.sample_rate)
     return window.force_between(min(begin, entry), entry)

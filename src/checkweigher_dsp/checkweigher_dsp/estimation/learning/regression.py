@@ -10,9 +10,8 @@ is the number of degrees of freedom. v is the mean variance of these deviations 
 a load of 1. Differences between the masses in a cluster add a multiple of s s' to C, which does not
 change the weights. With few items, R'R / d is an inaccurate estimate of the covariance. So C also
 contains the covariances N of the empty belt, I of white noise, and P of the ringing of a platform.
-The weights are computed for a grid of a, b and c. The result is the average
-of these weights, each weighted by the likelihood of the held-out masses. [own derivation,
-docs/method.md]
+The weights are computed for a grid of a, b and c. The result is the average of these weights, each
+weighted by the likelihood of the held-out masses. [own derivation, docs/method.md]
 """
 
 from collections.abc import Sequence
