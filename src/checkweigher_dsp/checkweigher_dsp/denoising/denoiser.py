@@ -41,7 +41,14 @@ METHODS = ('shrinkage', 'soft', 'hard')
 
 @dataclass(frozen=True)
 class DenoiseParameters(Parameters):
-    """Parameters of the denoiser: the shrinkage table of the machine and the padding."""
+    """Parameters of the denoiser: the method, the shrinkage table of the machine, and the padding.
+
+    Raises
+    ------
+    ParameterError
+        If a value is not allowed, the lists do not match the speeds, or the computation for one
+        item would take too long.
+    """
 
     node: ClassVar[str] = 'denoise'
 
@@ -161,8 +168,9 @@ class DenoiseParameters(Parameters):
     def platform(self, speed: Array) -> tuple[Any, ...]:
         """Return the natural frequency in Hz and the damping ratio of the empty platform.
 
-        `speed`, (windows, 1), contains belt speeds in m/s. Each result is a float if it does not
-        depend on the speed; otherwise it has the shape of `speed`.
+        `speed`, (windows, 1), contains belt speeds in m/s. A parameter with one value per speed is
+        interpolated linearly between the speeds, and the result has the shape of `speed`. A
+        parameter with a single value is returned as a float.
         """
         return tuple(
             np.interp(speed, self.speeds, values) if len(values) > 1 else values[0]
@@ -182,16 +190,19 @@ def _cost(stretch: int, prediction_order: int, iterations: int) -> float:
 class Denoiser:
     """Stage that denoises weigh windows by the wavelet shrinkage for their belt speed.
 
-    The wavelet of level 7 is much longer than any window. So the result depends mainly on the
-    padding around the window, which the original paper (see docs/method.md) does not specify.
-    docs/method.md also compares several kinds of padding.
+    The wavelet of level 7 has about 3900 samples, many more than most windows. So the result
+    depends mainly on the padding around the window, which the original paper (see docs/method.md)
+    does not specify. docs/method.md also compares several kinds of padding.
 
     The padding ``continuation`` was derived in this project. The response of the platform to the
     load is subtracted from the signal. The remaining disturbance is extrapolated to both sides by
     linear prediction, the load is added as a constant, and the result is denoised. A wrong load
     would leave a step in the disturbance, so the load is estimated again from the denoised signal.
-    If t1 and t2 are uncertain, they are estimated from the signal. Finally the linear rise of the
-    load between t1 and t2, as measured by the photo-eyes, is restored.
+    If ``edge_uncertainty`` is above 0, t1 and t2 are corrected by a fit to the signal before the
+    response is subtracted. Finally the linear rise of the load between the t1 and t2 of the
+    photo-eyes is restored.
+
+    `failures` handles exceptions. A window that causes one gets the reason StageFailed.
     """
 
     def __init__(self, parameters: DenoiseParameters, failures: Failures = PRINTED) -> None:
@@ -199,10 +210,13 @@ class Denoiser:
         self._failures = failures
 
     def denoise(self, window: WeighWindow) -> WeighWindow:
-        """Return a window with its `denoised` signal. A fault is returned unchanged.
+        """Return a window with its `denoised` signal in kg.
 
-        The signal begins at t1 with the padding ``continuation`` and at t2 with other paddings, and
-        ends at t3. Other samples are NaN. A window with inconsistent fields becomes a fault.
+        The denoised signal ends at t3. With the padding ``continuation`` it begins at t1, or later
+        if the previous item was still on the belt at t1, or if the padded window has no room for
+        all samples since t1. With other paddings it begins at t2. All other samples are NaN. A
+        window that already has reasons is returned unchanged. A window with inconsistent fields
+        gets the reason BadWindow instead of a signal.
         """
         return self.denoise_all([window])[0]
 
@@ -236,7 +250,11 @@ class Denoiser:
 
 
 def denoise_batch(batch: WindowBatch, parameters: DenoiseParameters) -> Array:
-    """Denoise windows of equal shape. The result in kg has the shape of ``batch.force``."""
+    """Denoise windows of equal shape. The result in kg has the shape of ``batch.force``.
+
+    It is NaN before column ``batch.entry`` with the padding ``continuation``, and before column
+    ``batch.begin`` with other paddings.
+    """
     begin = batch.begin
     result = np.full(batch.force.shape, math.nan)
     if parameters.surround == 'continuation':
@@ -264,7 +282,8 @@ def _denoise_extrapolated(batch: WindowBatch, parameters: DenoiseParameters) -> 
     found = np.mean(force[:, begin:], axis=-1, keepdims=True)
     for _ in range(parameters.iterations + 1):
         level = found
-        # Frequency and damping are proportional to the inverse square root of the moving mass.
+        # The natural frequency and the damping ratio are proportional to the inverse square root of
+        # the moving mass including the product.
         moving = parameters.moving_mass
         ease = np.sqrt(moving / (moving + np.maximum(level, 0.0)))
         platform = natural_frequency * ease, damping_ratio * ease
@@ -308,9 +327,9 @@ def pad(
 
     With the method ``level``, both sides are filled with the Hann-weighted mean of the window. With
     ``mirror``, the window is repeatedly reflected at its ends. With ``signal``, the left side is
-    the signal `before`, (..., k), and the right side is the mean; if `before` is too short, its
-    first sample is repeated. No method uses samples after the window, because they do not exist
-    yet.
+    the last samples of `before`, (..., k), and the right side is the mean. If `before` is too
+    short, its first sample is repeated. If it is None or empty, the left side is the mean. No
+    method uses samples after the window, because they do not exist yet.
 
     Examples
     --------

@@ -11,10 +11,10 @@ fitted to the signal: [own derivation]
    + M \delta_2 \frac{\partial r}{\partial t_2} + n,\quad \delta_i \sim N(0, u^2 / 3)
 
 y is the signal, r the response of the platform to a load of 1, M the approximate load, m the
-unknown error of M, and n the disturbance. delta_1 and delta_2 are the true values of t1 and t2
-minus the values measured by the photo-eyes. An edge whose error is uniformly distributed within
-+-u has the variance u^2 / 3. All signals of the fit are block means. A prediction-error filter
-makes n white.
+unknown true load minus M, and n the disturbance. delta_1 and delta_2 are the true values of t1 and
+t2 minus the values measured by the photo-eyes. Their variance u^2 / 3 is that of an error that is
+uniformly distributed between -u and u, where u is the largest error of the photo-eyes. All signals
+of the fit are block means. A prediction-error filter makes n white.
 """
 
 import math
@@ -72,9 +72,9 @@ class EntryFit:
         self._platform_taps = platform_taps(width, natural_frequency, damping_ratio)
 
     def times(self, taps: Array | None) -> tuple[Array, Array]:
-        """Return the corrected time of each sample since t1 in s and the corrected rise time.
+        """Return the time of each sample since the corrected t1, and the corrected rise time, in s.
 
-        The times are (windows, n), and the rise time t2 - t1 is (windows, 1). `shift` describes
+        The times are (windows, n), and the rise time t2 - t1 is (windows, 1). See `shift` for
         `taps`.
         """
         shift, batch = self.shift(taps), self._batch
@@ -82,11 +82,12 @@ class EntryFit:
         return batch.time - t1, batch.rise_time + t2 - t1
 
     def shift(self, taps: Array | None) -> Array:
-        """Return the true t1 and t2 minus the values of the photo-eyes, in s, (windows, 2).
+        """Estimate delta_1 and delta_2, the errors of t1 and t2, in s, (windows, 2).
 
-        `taps`, (windows, p + 1), are prediction-error filters for the block means of the
-        disturbance. If `taps` is None or p is 0, filters for a platform under white-noise forces
-        are used.
+        An estimate is limited to twice the uncertainty. It is 0 if there are too few block means or
+        the signal does not determine it. `taps`, (windows, p + 1), are prediction-error filters for
+        the block means of the disturbance. If `taps` is None or p is 0, filters for a platform
+        under white-noise forces are used.
         """
         shift = np.zeros((len(self._rows), 2))
         filters = self._platform_taps if taps is None or taps.shape[-1] == 1 else taps
@@ -118,10 +119,10 @@ def platform_taps(interval: Array, natural_frequency: Array, damping_ratio: Arra
 
 
 def _fit(white: Array, uncertainty: float) -> tuple[float, float]:
-    """Estimate the shifts of t1 and t2 in s, which are 0 if the signal does not determine them.
+    """Estimate delta_1 and delta_2 in s, which are 0 if the signal does not determine them.
 
-    The rows of `white`, (4, n), are the response, the signal without the approximate response, and
-    the derivatives of this response with respect to t1 and t2. The noise is white.
+    The rows of `white`, (4, n), are r, y - M r, and the derivatives of M r with respect to t1 and
+    t2. All of them are filtered, so that n is white. `uncertainty` is u in s.
     """
     # Use floats, because arithmetic on arrays of two numbers takes many times as long.
     (size, *shares), (_, power, *seen), (_, _, *first), (*_, last) = white.dot(white.T).tolist()

@@ -59,7 +59,8 @@ def extrapolate(
     order = min(order, count // block // _LEAST_RATIO)
     if order < 1:
         return result, np.ones((windows, 1))
-    # Reverse a copy for the left side, because only the last block ends exactly with the signal.
+    # Reverse a copy in time for the left side, because blocks are counted from the end of a signal,
+    # so that samples may remain before the first block.
     means = block_means(np.stack([disturbances, disturbances[:, ::-1]], axis=1), block)
     taps = np.array([burg(signal, order)[0] for signal in means[:, 0]])
     predicted = predict(means, taps, max(before, after) // block + 2)
@@ -87,14 +88,14 @@ def block_means(signal: Array, block: int) -> Array:
 def predict(signals: Array, taps: Array, count: int) -> Array:
     """Predict the next `count` samples of each signal.
 
-    Each window contains m signals, (windows, m, n), that share a model. `taps`, (windows, p + 1),
-    are the prediction-error filters, whose first tap is 1. The order p is at most n. The result has
-    the shape (windows, m, count).
+    `signals`, (windows, m, n), contains m signals for each window, to which the same model applies.
+    `taps`, (windows, p + 1), are the prediction-error filters of the models, whose first tap is 1.
+    The order p is at most n. The result has the shape (windows, m, count).
 
     Notes
     -----
-    A few samples are predicted at a time, as weighted sums of the p samples before them. All
-    samples cannot be predicted at once, because the impulse response of a model of spectral lines
+    Each step predicts a few samples as weighted sums of the p samples before them. A single step
+    for all samples would be inaccurate, because the impulse response of a model of spectral lines
     grows far beyond the signal before it decays. Rounding errors would then hide the result.
 
     Examples

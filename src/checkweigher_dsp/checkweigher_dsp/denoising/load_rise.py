@@ -78,7 +78,7 @@ def block_responses(
     [own derivation]
 
     With the pole :math:`p = -\xi \omega + i \omega_d` and :math:`q = 1 - i \xi \omega / \omega_d`
-    the response r and its integral are
+    the response r to a load that rises by 1 per second, and its integral, are
 
     .. math:: r(t) = t - \Re \frac{q}{p} (e^{p t} - 1),\quad
        \int_0^t r = \frac{t^2}{2} + t\, \Re \frac{q}{p} - \Re \frac{q}{p^2} (e^{p t} - 1)

@@ -16,7 +16,7 @@ SHRUNK_LEVELS = (5, 6, 7)
 
 @dataclass(frozen=True, slots=True)
 class ShrinkageTable:
-    """Shrinkage of the wavelet bands 5 to 7 for each belt speed. Bands 1 to 4 are removed.
+    """Shrinkage of the detail bands 5 to 7 for each belt speed. Bands 1 to 4 are removed.
 
     Raises
     ------
@@ -26,7 +26,7 @@ class ShrinkageTable:
 
     # Belt speeds in m/s, ascending.
     speeds: tuple[float, ...]
-    # Gains gamma and thresholds lambda of levels 5, 6 and 7, each with one value per speed.
+    # Gains gamma and thresholds lambda of bands 5, 6 and 7, each with one value per speed.
     gains: tuple[tuple[float, ...], ...]
     thresholds: tuple[tuple[float, ...], ...]
 
@@ -41,12 +41,13 @@ class ShrinkageTable:
                 )
 
     def at(self, speed: Any, unit: float) -> tuple[Shrinkage | None, ...]:
-        """Return the shrinkage of levels 1 to 7 at a belt speed, with None for each removed level.
+        """Return the shrinkage of bands 1 to 7 at a belt speed, with None for each removed band.
 
-        Gains and thresholds are interpolated linearly between the speeds of the table, and constant
-        beyond them. They have the shape of `speed`, the belt speed in m/s as a float or
-        (windows, 1). `unit` is the unit of the thresholds in the table, as a multiple of the unit
-        of the signal.
+        A band whose gains in the table are all 0 is also removed. Gains and thresholds are
+        interpolated linearly between the speeds of the table, and constant beyond them. They have
+        the shape of `speed`, the belt speed in m/s as a float or (windows, 1). But the threshold of
+        a band is the float 0 if its thresholds in the table are all 0. `unit` is the unit of the
+        thresholds in the table, as a multiple of the unit of the signal.
 
         Examples
         --------

@@ -3,7 +3,7 @@
 r"""Denoising by shrinkage of stationary wavelet coefficients.
 
 On a periodic signal each band of the stationary wavelet transform (SWT) is a circular convolution.
-The method keeps only the approximation and three details, so the full transform is not needed. In
+Shrinkage keeps only the approximation and three details, so the full transform is not needed. In
 addition to the FFT of the signal and the inverse FFT of the result, each detail with a threshold
 needs two FFTs, and a band without a threshold needs none. The results agree with ``pywt.swt`` and
 ``pywt.iswt`` (``norm=False``) except for rounding.
@@ -169,9 +169,10 @@ def threshold_universally(
     r"""Denoise periodic signals by hard or soft thresholding of all details, for comparison.
 
     The universal threshold is :math:`\lambda = \sigma \sqrt{2 \ln n}` with
-    :math:`\sigma = \operatorname{med}(|d|) / 0.6745`. Coefficients below the threshold are set to
-    0. A soft threshold (STF) reduces the other coefficients by lambda, and a hard threshold (HTF)
-    leaves them unchanged.
+    :math:`\sigma = \operatorname{med}(|d|) / 0.6745`, where d are the coefficients of a detail
+    band. Coefficients whose magnitude is below the threshold are set to 0. A soft threshold (STF)
+    reduces the magnitude of the other coefficients by lambda, and a hard threshold (HTF) leaves
+    them unchanged.
 
     sigma and n are computed from the part `measured` of the signal, because the padding around it
     contains no noise. With `each_level`, sigma is computed for each level, for noise that is not

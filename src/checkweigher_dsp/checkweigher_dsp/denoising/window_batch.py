@@ -87,12 +87,19 @@ def _in_parts(
 
 
 def padded_length(min_length: int, count: int) -> int:
-    """Return the length of a padded window of `count` samples, which is a multiple of 128."""
+    """Return the length to which a window of `count` samples is padded.
+
+    It is the smallest multiple of 128 that is at least `min_length` and at least twice `count`.
+    """
     return _PERIOD * math.ceil(max(min_length, 2 * count) / _PERIOD)
 
 
 def _used_time(window: WeighWindow, min_length: int) -> tuple[int, Array]:
-    """Return the number of used samples before t2, and the times of all used samples in s."""
+    """Return the number of used samples before t2, and the times since t1 of all used samples in s.
+
+    Samples before t2 are used if they are after the exit of the previous item and fit into the
+    padding. Their number is rounded down to a multiple of `_LEAD_STEP`.
+    """
     begin, count = window.window_begin, window.window_end - window.window_begin
     room = (padded_length(min_length, count) - count) // 2
     known = begin - min(max(window.empty_begin, 0), begin)
@@ -101,14 +108,14 @@ def _used_time(window: WeighWindow, min_length: int) -> tuple[int, Array]:
 
 
 def rise_time(window: WeighWindow) -> float:
-    """Return the rise time t2 - t1 in s, or 0 if it is unknown."""
+    """Return the rise time t2 - t1 in s, or 0 if it is unknown or negative."""
     if window.t1 is None or window.t2 is None:
         return 0.0
     return max(window.t2 - window.t1, 0) / NANOSECONDS
 
 
 def transit(window: WeighWindow) -> float:
-    """Return the transit t3 - t1 in s, or NaN if it is unknown."""
+    """Return the transit time t3 - t1 in s, or NaN if t1 or t3 is unknown."""
     if window.t1 is None or window.t3 is None:
         return math.nan
     return seconds(window.t3 - window.t1)
@@ -117,8 +124,9 @@ def transit(window: WeighWindow) -> float:
 def time_since_entry(window: WeighWindow, begin: int = 0, end: int | None = None) -> Array:
     """Return the time since t1 in s of the samples with positions in [begin, end).
 
-    The sample at ``window_begin`` is assumed to be within one sampling interval after t2, even if
-    its stamp is wrong.
+    If `end` is None, all samples from position `begin` on are included. The sample at
+    ``window_begin`` is assumed to be within one sampling interval after t2, even if its stamp is
+    wrong.
     """
     first, interval = window.window_begin, 1 / window.sample_rate
     after = first * interval - ((window.t2 or 0) - window.stamp) / NANOSECONDS
@@ -142,7 +150,12 @@ def denoised_pass(window: WeighWindow) -> tuple[Array, Array]:
 
 
 def is_consistent(window: WeighWindow) -> bool:
-    """Return whether the fields of a window that is not a fault are consistent."""
+    """Return whether the fields of a window without reasons are consistent.
+
+    There must be at most `MAX_WINDOW` samples, and at least one of them from t2 to t3. The sample
+    rate and the belt speed must be positive and finite. The zeros and the sensitivity must be
+    finite, and the sensitivity must not be 0.
+    """
     numbers = window.zero, window.zero_counts, window.zero_std_dev, window.counts_per_kg
     return (
         0 <= window.window_begin < window.window_end <= len(window.counts) <= MAX_WINDOW
