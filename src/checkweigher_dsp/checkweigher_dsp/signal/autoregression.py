@@ -46,11 +46,11 @@ def burg(signal: Array, order: int) -> tuple[Array, Array]:
     Notes
     -----
     For a signal of some hundred samples, function calls take longer than the arithmetic. So the
-    forward and backward errors are filtered as one matrix. An impulse follows each signal at a
-    distance above the order, and its response contains the coefficients. The energy in the
-    denominator is updated recursively: it is multiplied by 1 - k^2, and the squares of the two
-    errors that are not used at the next order are subtracted. If this update has lost too many
-    digits, the energy is summed again from the errors.
+    forward and backward errors are filtered as one matrix. An impulse is appended to each of them,
+    after so many zeros that the responses to signal and impulse do not overlap. The response to the
+    impulse contains the coefficients. The energy in the denominator is updated recursively: it is
+    multiplied by 1 - k^2, and the squares of the two errors that are not used at the next order are
+    subtracted. If this update has lost too many digits, the energy is summed again from the errors.
 
     References
     ----------
@@ -135,8 +135,8 @@ def pooled_autocovariance(segments: Iterable[Array], count: int) -> Array:
     Returns
     -------
     ndarray, (count,) float64
-        Autocovariance in the squared unit of the samples. It is 0 at lags that are longer than all
-        segments.
+        Autocovariance in the squared unit of the samples. It is 0 at lags that are not smaller than
+        the length of the longest segment.
     """
     sums, seen = np.zeros(count), 0
     for each in segments:

@@ -68,11 +68,14 @@ def _hann_weights(count: int) -> tuple[Array, float]:
 
 
 class RunningMoments:
-    """Running moments of a stream of values (Welford, Technometrics 4 (1962) 419)."""
+    """Count, largest magnitude, mean and standard deviation of the values added so far.
+
+    Mean and standard deviation are updated by the method of Welford, Technometrics 4 (1962) 419.
+    """
 
     def __init__(self) -> None:
         self.count = 0
-        self.largest = 0.0  # value with the largest magnitude
+        self.largest = 0.0  # value, with its sign, of the largest magnitude; 0 without values
         self._mean = self._squares = 0.0  # mean, and sum of squared deviations from it
 
     def add(self, value: float) -> None:

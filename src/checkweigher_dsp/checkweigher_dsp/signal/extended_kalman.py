@@ -22,7 +22,7 @@ from checkweigher_dsp.signal import Array
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """Variances of the filter. They have no unit, because the signal is normalised to about 1."""
+    """Variances of the filter, for a signal whose steady state is normalised to about 1."""
 
     measurement: float  # measurement noise R as a multiple of `variance` of `identify`
     process: float  # process noise Q of x as a multiple of R; Q of the coefficients is 0
@@ -41,7 +41,7 @@ class Identification:
     variance: Array  # variance of `gain` by first-order error propagation
 
     def in_unit(self, scale: Array) -> Self:
-        """Return the result for signals that are larger by the factors `scale`, (windows,)."""
+        """Return the result for the signals multiplied by the factors `scale`, (windows,)."""
         return replace(
             self, b1=scale * self.b1, gain=scale * self.gain, variance=scale * scale * self.variance
         )
@@ -80,7 +80,7 @@ def identify(
         Variances R, Q and P0.
     inputs : ndarray, (windows, k) float64, optional
         Inputs u of the steps that lead to the first k samples, with k at most n. Later inputs are
-        1.
+        1. By default, all inputs are 1.
     counts : ndarray, (windows,) int, optional
         Number of samples in each window. The other samples of a row are ignored. The default is n.
     rise : float or ndarray, (windows,)
@@ -158,7 +158,11 @@ _State = tuple[Any, ...]
 def _filter(
     state: _State, samples: Iterable[Any], inputs: Iterable[Any], measurement: Iterable[Any], q: Any
 ) -> _State:
-    """Return the filter state after all samples. Its elements are floats or arrays, (windows,)."""
+    """Return the filter state after all samples. Its elements are floats or arrays, (windows,).
+
+    `inputs` and `measurement` contain u and R for each sample, and may be longer than `samples`.
+    The variance `q` of x is the only element of Q that is not 0.
+    """
     x, y, a1, a2, b = state[:5]
     p11, p12, p13, p14, p15, p22, p23, p24, p25, p33, p34, p35, p44, p45, p55 = state[5:]
     # Do not assign in place, because several names share an array.
@@ -235,5 +239,8 @@ def platform_poles(a1: float, a2: float, sample_rate: float) -> tuple[float, flo
 
 
 def is_stable(a1: Any, a2: Any) -> Any:
-    """Return whether both poles lie inside the unit circle, False if a coefficient is NaN."""
+    """Return whether both poles of a platform are inside the unit circle.
+
+    `a1` and `a2` are floats or arrays. The result is False where one of them is NaN.
+    """
     return (abs(a2) < 1) & (abs(a1) < 1 + a2)

@@ -63,7 +63,11 @@ class Prewhitener:
         return result
 
     def whiten_again(self, signals: Array, whitened: Array, begin: int) -> None:
-        """Update `whitened` after `signals`, both (..., n), have changed from sample `begin` on."""
+        """Update `whitened`, (..., n), for `signals`, (..., n), which changed from `begin` on.
+
+        The samples of `signals` before position `begin` must be those from which `whitened` was
+        computed.
+        """
         if begin < min(self._order, signals.shape[-1]):
             whitened[:] = self.whiten(signals)
             return

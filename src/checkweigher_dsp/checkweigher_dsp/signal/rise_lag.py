@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-r"""Lag of the samples behind the photo-eyes, measured on the rise of the load.
+r"""Lag of the signal behind the edges of the photo-eyes, measured on the rise of the load.
 
 Between t1 and t2 a product moves onto the belt. A linear system of unity gain, such as the platform
 or an amplifier, delays the rise of the load by its group delay at frequency 0. Apart from this
@@ -16,8 +16,8 @@ out. z and z + M are Hann-weighted means of the signal of the empty belt and of 
 full load. No other property of the platform is assumed.
 
 An uneven rise also causes a lag, although the load is complete at t2. If the load after the
-fraction u of the rise time is M (u - k u (1 - u)), an uneven rise adds k (t2 - t1) / 6 to the lag.
-This part of the lag is called the bend. The lag l makes the area of the residual
+fraction u of the rise time is M (u - k u (1 - u)), the lag is larger by k (t2 - t1) / 6 than for an
+even rise. This part of the lag is called the bend. The lag l makes the area of the residual
 z + M s(t - l) - y(t) zero. So for small k, the bend is the integral of 30 u (1 - u) times this
 residual, divided by M.
 """
@@ -48,9 +48,10 @@ _SYSTEMATIC_BEND = 8e-4
 
 @dataclass(frozen=True, slots=True)
 class RiseLag:
-    """Lag of the load behind the photo-eyes in s. All values are NaN if the lag is unknown.
+    """Lag of the load behind the edges of the photo-eyes, and its standard deviation, in s.
 
-    `bend` is the part of the lag that is caused by an uneven rise of the load.
+    The lag is positive if the load rises later than the edges indicate. `bend` is the part of the
+    lag that is caused by an uneven rise of the load. All values are NaN if the lag is unknown.
     """
 
     lag: float = math.nan
@@ -81,7 +82,9 @@ def rise_lag(force: Array, time: Array, rise_time: float, transit: float) -> Ris
     -------
     RiseLag
         Lag and bend. Their standard deviations are computed from the noise of the empty belt, a
-        part of the noise under the full load, and the effect of the impact of a product.
+        part of the noise under the full load, and the effect of the impact of a product. All values
+        are NaN if the signal of the empty belt or of the full load is too short, the load is not
+        positive, or the iteration for the lag does not converge.
 
     Examples
     --------
@@ -125,7 +128,12 @@ def rise_lag(force: Array, time: Array, rise_time: float, transit: float) -> Ris
 
 
 def lag_of(window: WeighWindow) -> RiseLag:
-    """Return the lag of the rise of the load in a weigh window."""
+    """Return the lag of the rise of the load in a weigh window.
+
+    The segmenter has already subtracted a lag from the `stamp` of the window. The result is the
+    remaining lag. All values are NaN if t1, t2 or t3 is unknown, if there are no samples of the
+    empty belt, or if `rise_lag` cannot determine the lag.
+    """
     t1, t2, t3 = window.t1, window.t2, window.t3
     if t1 is None or t2 is None or t3 is None:
         return RiseLag()
@@ -162,7 +170,7 @@ def _weights(
 
 
 def _bell(time: Array, begin: float, end: float) -> Array:
-    """Return the values of a Hann window from `begin` to `end` at the given times."""
+    """Return the values of a Hann window from `begin` to `end` at the given times; 0 outside."""
     return np.sin(math.pi * _limited((time - begin) / (end - begin))) ** 2
 
 
@@ -183,9 +191,9 @@ def _noise(force: Array) -> tuple[Array, float]:
 
 
 def _rms(noise: tuple[Array, float], weights: Array) -> float:
-    """Return the root mean square of a weighted sum of noise with the given weights, (m,).
+    """Return the root mean square of the sum of m samples of noise with the given weights, (m,).
 
-    `noise` is a result of `_noise`.
+    It is the mean over all positions of the weights in the noise, which is a result of `_noise`.
     """
     tapered, power = noise
     seen = np.correlate(tapered, weights, 'full')
