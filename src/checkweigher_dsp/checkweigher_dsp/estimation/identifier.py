@@ -187,7 +187,7 @@ class Identifier:
             self.learned = learn(self.learned, *lesson, self._parameters.learning)
 
     def forget(self) -> None:
-        """Discard the learned state."""
+        """Discard the learned state. The stage does not learn from the last weighed window."""
         self.learned, self._lesson = LearnedKinds(self.learned.basis), None
 
     def _failed(self, window: WeighWindow) -> MassEstimate:
@@ -223,7 +223,7 @@ class Identifier:
         if window.reasons:
             return self._record(window, window.reasons)
         count = len(window.denoised)
-        # Accept a window without a denoised signal if the estimator uses the raw signal.
+        # Accept a window without a denoised signal if the estimator does not need it.
         complete = count == len(window.counts) or (count == 0 and not self.needs_denoised)
         if not is_consistent(window) or not complete:
             return self._record(window, (Reason.BAD_WINDOW.value,))

@@ -12,9 +12,9 @@ the counts of the converter, have four properties:
   of the variances has approximately an F distribution. Because the samples of e are correlated,
   each of them counts as 1 / sum r_k^2 degrees of freedom. r_k is the correlation of e at lag k,
   and the sum includes lag 0 and negative lags. If the signal is white noise, the value is 0.48.
-- From t1 to t3, the magnitude of e is not larger than noise and product explain. Another step of
-  the signal would make it larger. The product causes an impact in proportion to load and speed, and
-  a change of the slope at t1, t2 and t3.
+- From t1 to t3, the magnitude of e is not larger than noise and product explain. A larger magnitude
+  shows a step of the signal that has another cause. The product causes an impact in proportion to
+  load and speed, and a change of the slope at t1, t2 and t3.
 - The readings do not repeat. If the standard deviation of the white noise is s counts, no
   prediction of a reading is right with a probability above p = erf(1 / (s sqrt 8)). So the
   probability that a sequence of w readings occurs twice among N readings is at most N^2 p^w / 2.

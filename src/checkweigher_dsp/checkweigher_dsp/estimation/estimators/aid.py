@@ -249,7 +249,7 @@ def hann_lowpass(cutoff: float, sample_rate: float) -> Array:
 def _prefiltered(
     samples: Array, settings: AdaptiveSettings, sample_rate: float
 ) -> tuple[Array, Array, AdaptiveIdentification]:
-    """Return the windows after the last prefilter, their means, and the last identification before.
+    """Return the windows after the last prefilter, their means, and the identification before it.
 
     The windows are divided by their means, (windows,). A mean that is 0 or not finite becomes NaN.
     With one iteration, the identification is the result of `_start`.

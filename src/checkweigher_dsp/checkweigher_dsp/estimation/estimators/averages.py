@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Estimators that average the window, as references for the other estimators."""
+"""Estimators that average the raw samples of a window, as references for other estimators."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -28,7 +28,7 @@ class HannParameters(EstimatorParameters):
 
 
 class Mean(Average):
-    """Mean of the raw window.
+    """Mean of the raw samples from t2 to t3.
 
     The mean is unbiased for a constant load. It removes an oscillation that has a whole number of
     periods in the window, but not one whose period is longer than the window.
@@ -48,7 +48,7 @@ class Mean(Average):
 
 
 class Hann(Average):
-    """Hann-weighted mean of the raw window; see `hann_mean`.
+    """Hann-weighted mean of the raw samples from t2 to t3; see `hann_mean`.
 
     Examples
     --------

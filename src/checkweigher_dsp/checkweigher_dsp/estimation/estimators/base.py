@@ -30,7 +30,7 @@ _BIAS = 0.02
 class LoadEstimate:
     """Load that an estimator finds in a window, before gain and offset are applied."""
 
-    mass: float  # load in kg, or NaN if it cannot be estimated
+    mass: float  # load in kg, or NaN if it cannot be estimated.
     # Variance in kg^2, or NaN if it is unknown. It includes the variance of the zero only if it was
     # `measured`, or if it comes from a learned model of `GaussMarkov`.
     variance: float = math.nan
@@ -130,7 +130,7 @@ class EstimatorParameters(Parameters):
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """Parameter that the command `tune` searches, with its range, including both ends.
+    """Parameter whose value the command `tune` searches from `low` to `high`, both included.
 
     The search begins at `start`, which may be outside the range. A `logarithmic` axis is searched
     by factors instead of differences, and a `whole` axis by integers only.

@@ -42,7 +42,7 @@ from checkweigher_dsp.signal.prewhitening import Prewhitener, pooled_reflections
 
 _LEAST_CHANGE = 1e-9  # relative change of the mass at which the iteration ends
 _MAX_ITERATIONS = 8
-_FREE = 1.0  # prior standard deviation of an unknown oscillation in kg
+_FREE = 1.0  # prior standard deviation of an unknown oscillation in kg.
 # Largest relative deviation of the sample rate of a window from that of the noise model.
 _RATE_TOLERANCE = 1e-3
 # Noise models are computed for belt speeds that are multiples of this step in m/s, so that they can

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """ISWD-EKSI estimator: extended Kalman identification of the platform from the denoised signal.
 
-The name means improved stationary wavelet denoising and extended Kalman system identification. The
-denoising is a stage of its own; see `Denoiser`.
+ISWD-EKSI stands for improved stationary wavelet denoising and extended Kalman system
+identification. The stage `Denoiser` does the denoising.
 """
 
 from collections.abc import Sequence

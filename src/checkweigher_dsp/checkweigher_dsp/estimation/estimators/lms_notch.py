@@ -11,7 +11,8 @@ sine of this frequency, w their amplitudes in d, and e is the output of the filt
 
 .. math:: e = d - w' x,\quad w \leftarrow w + 2 \mu e x,\quad \mu = \beta - \beta / (1 + \alpha e^2)
 
-The step size mu increases with e from 0 towards beta. The larger alpha is, the faster it increases.
+The step size mu is 0 for e = 0, and approaches beta for a large e. A larger alpha makes the step
+size increase faster with the magnitude of e.
 """
 
 from dataclasses import dataclass

@@ -32,7 +32,7 @@ _EDGE_EXPONENT = 1.5  # exponent of the additional noise near both ends.
 # very large if the disturbance is a single oscillation.
 _WHITE = 1e-3
 _ITERATIONS = 2
-SETTLE_TIME = 0.1  # duration of the ring-down after the previous item in s
+SETTLE_TIME = 0.1  # duration in s of the ring-down after the previous item has left.
 # Number of parts of the rise. A part is about as long as a period of most platforms, or longer.
 _RISE_PARTS = 3
 # Factor of the standard deviation of the level. Without it, the standard deviation is too large,
@@ -105,8 +105,8 @@ def rise_misfit(window: WeighWindow, mass: float) -> float:
 
     The assumed load rises linearly to `mass` in kg, and lags by the delay of the default platform.
     The residual is computed from the means of parts of about a third of the rise, so that ringing
-    averages out. The power of such means of the empty belt is subtracted from its power. The result
-    is 0 if this power is larger, or if the rise has fewer than three samples.
+    averages out. The power of such means of the empty belt is subtracted, because it is noise. The
+    result is 0 if no power remains, or if the rise has fewer than three samples.
     """
     time = time_since_entry(window)
     entry = max(int(np.searchsorted(time, 0.0)), window.empty_begin)
@@ -131,9 +131,9 @@ def lag_doubt(window: WeighWindow) -> float:
 
 
 def _empty_belt(window: WeighWindow) -> Array:
-    """Return the signal of the empty belt in kg, from the ring-down of the previous item to t1.
+    """Return the signal of the empty belt in kg before t1, without ring-down of the previous item.
 
-    The ring-down is not included. The result is empty if t1 is within the ring-down.
+    The result is empty if t1 is within the ring-down.
     """
     entry = int(np.searchsorted(time_since_entry(window), 0.0))
     begin = window.empty_begin + round(SETTLE_TIME * window.sample_rate)

@@ -15,9 +15,11 @@ from checkweigher_dsp.estimation.learning.regression import Fit, usual_power
 from checkweigher_dsp.signal import Array
 
 RECENT = 20  # number of recent items in which a change is searched for
-_ALIKE = 1.25  # largest factor by which a compared load may be outside the range of learned loads
-_MOVED = 1.5  # smallest median shift of a part that is a change, in standard deviations of the part
-_GROWN = 6.0  # smallest ratio of the power of a spectral line to its learned power that is a change
+_ALIKE = 1.25  # largest factor by which a compared load may be outside the range of learned loads.
+# Smallest median residual of a part that is a change, in learned standard deviations of the part.
+_MOVED = 1.5
+# Smallest ratio of the power of a spectral line to its learned power that is a change.
+_GROWN = 6.0
 # A change is a vibration only if the standard deviation of the mean of several residuals is at most
 # this fraction of that of single residuals.
 _SAME_PHASE = 0.6
@@ -98,10 +100,10 @@ def strongest_frequency(known: Fit, duration: float) -> float:
 
 
 def _peak(power: Array, line: int) -> float:
-    """Return the index, with a fraction, of the peak of a spectrum at a line.
+    """Return the position of the peak of a spectrum near a line, as an index with a fraction.
 
-    It is the mean of the line and its neighbours, weighted by their power. Negative power is
-    ignored.
+    It is the mean of the indices of the line and its neighbours, weighted by their power. Negative
+    power is ignored.
     """
     around = np.arange(max(line - 1, 0), min(line + 2, len(power)))
     share = np.maximum(power[around], 0.0)

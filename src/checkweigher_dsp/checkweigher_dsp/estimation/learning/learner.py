@@ -175,7 +175,7 @@ def _compared(
 
 
 def _taught(kind: ItemKind, passage: PassParts, parameters: LearningParameters) -> ItemKind:
-    """Return a kind of items with one more item.
+    """Return the state of a kind of items after one more item.
 
     Weights are learned from item ``fewest`` to item ``most``, at every fifth item (`_STEP`) and at
     item ``most``. After item ``most`` or a change of the machine, the item is only counted.

@@ -31,7 +31,7 @@ from checkweigher_dsp.signal.autoregression import pooled_autocovariance
 # Grid of a, b and c.
 _SHARES = tuple(product((0.03, 0.3, 3.0), (0.003, 0.03, 0.3), (0.0, 0.1, 1.0)))
 _PLAIN = (0.3, 0.03, 0.1)  # coefficients a, b and c of the plain weights, which do not depend on R
-_FEWEST = 15  # smallest number of degrees of freedom
+_FEWEST = 15  # smallest number of degrees of freedom from which weights are learned
 _ALONE = 0.05  # fraction of items that may have less empty belt before t1 than the weights use
 _APART = 0.02  # smallest distance between clusters as a fraction of the load
 _APART_STD_DEVS = 6.0  # smallest distance between clusters in standard deviations of the estimator.
@@ -101,7 +101,7 @@ class Fit(Settings):
         return passage.parts[-len(self.weights) :] - self.mass(passage) * self.curve
 
     def mass(self, passage: PassParts) -> float:
-        """Return the weighted sum of the last k parts of a pass in kg."""
+        """Return the mass of an item in kg, which is the weighted sum of the last k parts."""
         return float(np.add.reduce(self.weights * passage.parts[-len(self.weights) :]))
 
 
@@ -231,7 +231,7 @@ class _Items:
 
 
 def _clusters(loads: Array, width: float) -> NDArray[np.int_]:
-    """Return the number of the cluster of each load, (n,), from 0.
+    """Return the number of the cluster that contains each load, (n,). The first number is 0.
 
     A gap between successive loads that is wider than `width` in kg separates two clusters.
     """
@@ -244,8 +244,8 @@ def _clusters(loads: Array, width: float) -> NDArray[np.int_]:
 def _empty_belt_covariance(passages: Sequence[PassParts], count: int) -> Array:
     """Return the covariance of parts of the empty belt in kg^2, (count, count).
 
-    It is computed about zero, so that it includes the error of the zero. It is 0 at lags that are
-    longer than all segments of the empty belt.
+    The mean of the parts is not subtracted, so that the covariance includes the error of the zero.
+    It is 0 at lags that are not smaller than the length of the longest segment of the empty belt.
     """
     segments = (each.parts[each.lead - each.quiet : each.lead] for each in passages)
     places = np.arange(count)
