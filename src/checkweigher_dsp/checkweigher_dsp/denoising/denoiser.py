@@ -202,7 +202,7 @@ class Denoiser:
     response is subtracted. Finally the linear rise of the load between the t1 and t2 of the
     photo-eyes is restored.
 
-    `failures` handles exceptions. A window that causes one gets the reason StageFailed.
+    `failures` handles exceptions. A window that causes an exception gets the reason StageFailed.
     """
 
     def __init__(self, parameters: DenoiseParameters, failures: Failures = PRINTED) -> None:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-r"""Correction of the times at which products enter, by a fit to the signal.
+r"""Correction of the times t1 and t2 at which a product enters, by a fit to the signal.
 
 Polled photo-eyes measure t1 and t2 with an error of about a millisecond. If the load is removed
 from the signal at a wrong time, a hump as long as the rise of the load remains. A low-pass filter
@@ -35,7 +35,7 @@ _FURTHEST = 2.0  # largest shift of an edge as a multiple of its uncertainty
 
 
 class EntryFit:
-    """Fit of the times at which the products of a batch enter.
+    """Fit of t1 and t2 of each product of a batch to the signal of its window.
 
     `uncertainty` u, above 0, is the largest error of t1 and t2 in s. `level`, (windows, 1), is M in
     kg. The natural frequency in Hz and the damping ratio, (windows, 1), are those of the platform
@@ -58,7 +58,8 @@ class EntryFit:
         self._platform_taps = np.empty((0, 3))
         if count < _LEAST_SAMPLES:
             return
-        # Number of blocks without a load, which end before the entry. The last block ends at t3.
+        # Number of blocks that end before the entry, so that they contain no load. The blocks are
+        # counted back from t3, where the last one ends.
         empty = max((batch.entry - batch.force.shape[-1]) // batch.block + count, 0)
         interval = batch.time[:, 1:2] - batch.time[:, :1]
         width = batch.block * interval

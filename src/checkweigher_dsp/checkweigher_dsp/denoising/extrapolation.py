@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Extrapolation of a disturbance beyond the ends of a signal by linear prediction.
 
-The disturbance of a belt consists mainly of spectral lines, caused by the rollers, the motor and
-the oscillation of the platform. The lines continue before and after the known samples, so that an
-autoregressive model of the samples predicts them. The model describes block means at the rate
+The disturbance of the signal consists mainly of spectral lines, caused by the rollers, the motor
+and the oscillation of the platform. The lines continue before and after the known samples, so that
+an autoregressive model of the samples predicts them. The model describes block means at the rate
 `PREDICTION_RATE`, because the denoising keeps only the lowest bands of the signal. At this rate, a
 model of some tens of coefficients spans the period of a slow spectral line.
 """

@@ -102,7 +102,10 @@ def _circular_transform(taps: Sequence[float], length: int) -> NDArray[np.comple
 
 @lru_cache(maxsize=8)
 def _syntheses(length: int) -> tuple[NDArray[np.complex128], Array]:
-    """Return the responses of the inverse SWT, and the gain of each band from signal to result."""
+    """Return the frequency responses of the inverse SWT, and those of SWT and inverse together.
+
+    Both have a row for each band, as the result of `band_responses`. The latter are real.
+    """
     responses = band_responses(length)
     # The inverse is the average over the 2**j shifted bases of level j. So the responses are
     # divided by powers of two.
@@ -176,8 +179,8 @@ def threshold_universally(
 
     sigma and n are computed from the part `measured` of the signal, because the padding around it
     contains no noise. With `each_level`, sigma is computed for each level, for noise that is not
-    white. Otherwise it is computed from level 1. See `denoise_periodic` for `stretch` and for the
-    result.
+    white. Otherwise the sigma of level 1 is used for all levels. See `denoise_periodic` for
+    `stretch` and for the result.
 
     References
     ----------
