@@ -32,7 +32,7 @@ class Noise:
 
 @dataclass(frozen=True)
 class Identification:
-    """Identified coefficients and steady state. The arrays have the shape (windows,)."""
+    """Identified coefficients and steady state of the platform, with the shape (windows,) each."""
 
     a1: Array
     a2: Array

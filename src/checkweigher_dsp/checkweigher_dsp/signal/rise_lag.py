@@ -147,10 +147,10 @@ def lag_of(window: WeighWindow) -> RiseLag:
 def _weights(
     time: Array, rise_time: float, transit: float, lag: float
 ) -> tuple[Array, Array, Array] | None:
-    """Return the weights of the samples that give z, M, and M times the correction of the lag.
+    """Return the weights of the samples for z, for M, and for M times the correction of `lag`.
 
-    Each array of weights has the shape (n,). Returns None if there are too few samples of the empty
-    belt or of the full load.
+    Each of these values is a sum of the samples with the returned weights, (n,). Returns None if
+    there are too few samples of the empty belt or of the full load.
     """
     begin, stop = max(float(time[0]), lag - _EMPTY), transit + min(lag, 0.0)
     zero, level = _bell(time, begin, lag), _bell(time, rise_time + lag, stop)
@@ -182,8 +182,8 @@ def _limited(values: Array) -> Array:
 def _noise(force: Array) -> tuple[Array, float]:
     """Return the noise of `force`, (n,), multiplied by a taper, and the power of the taper.
 
-    The noise is the difference from the mean. Because of the taper, it may be shorter than the
-    weights that `_rms` applies to it.
+    The noise is the difference from the mean. Because of the taper, the noise may have fewer
+    samples than the weights that `_rms` applies to it.
     """
     noise = force - np.add.reduce(force) / len(force)
     taper = np.sin((np.arange(len(force)) + 0.5) * (math.pi / len(force)))
