@@ -29,9 +29,9 @@ def spinning(namespace: str = '', enclave: str = '') -> Iterator[Spinner]:
     """Yield a spinner. ROS and the spinner run until the context ends.
 
     The nodes of this process are in `namespace`. With ROS security, the process uses the enclave
-    `enclave` of this namespace. Ctrl-C raises KeyboardInterrupt within the context, so that the
-    caller can finish its work while the nodes still exist. The nodes log only warnings and errors,
-    because a command shows its own results.
+    `enclave` of this namespace, or none if `enclave` is empty. Ctrl-C raises KeyboardInterrupt
+    within the context, so that the caller can finish its work while the nodes still exist. The
+    nodes log only warnings and errors, because a command shows its own results.
     """
     arguments = [*ros_arguments(namespace), '--ros-args', '--log-level', 'warn']
     if enclave:

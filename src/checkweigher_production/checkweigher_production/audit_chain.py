@@ -112,10 +112,11 @@ def name_predecessor(log: AuditLog, time: str, source: str) -> None:
 
 
 def _written_by(path: Path, source: str) -> Iterator[tuple[str, str, int, str]]:
-    """Yield the last time, name, number of entries and last hash of each other log of `source`.
+    """Yield a tuple for each other log of the node `source`.
 
-    The log `path` is left out. The other logs are in the same folder. Logs that cannot be read are
-    left out, as are entries after the first fault of a log.
+    The tuple contains the time of the last entry, the file name, the number of entries and the hash
+    of the last entry. The log `path` is left out. The other logs are in the same folder. Logs that
+    cannot be read are left out, as are entries after the first fault of a log.
     """
     for other in logs_in(path.parent):
         with suppress(AuditError):

@@ -365,8 +365,8 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
     def _finish(self, time: str, source: str) -> None:
         """Complete the log after a power loss or a kill during the last write.
 
-        If `LOG.head` lacks the last entry, `LOG.head` is written. If the log ends with a torn
-        entry, an entry that records it is written.
+        Write `LOG.head` if it lacks the last entry. If the log ends with a torn entry, append an
+        entry with the fingerprint of the torn bytes.
         """
         if self._head != _head_line(self._count, self.last_hash):
             os.fsync(self._file)

@@ -111,8 +111,8 @@ class Product(NanEqual, Settings):
         unit='kg',
         maximum=_LARGEST_MASS,
     )
-    # Limits in kg, NaN if 76/211/EEC has none for this nominal weight. A batch record contains the
-    # limits that applied when the product was selected.
+    # Limits TU1 and TU2 in kg, NaN if 76/211/EEC has none for this nominal weight. A batch record
+    # contains those that applied when the product was selected.
     tu1: float = parameter(
         math.nan, 'TU1, if it differs from the value of 76/211/EEC', unit='kg', minimum=0
     )

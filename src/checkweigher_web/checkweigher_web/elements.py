@@ -87,7 +87,7 @@ def show_told(label: ui.label, text: str, say: Language) -> None:
 
 
 def named(element: E, label: str) -> E:
-    """Set the name of an element that screen readers read, and return the element."""
+    """Set the accessible name of an element, for screen readers, and return the element."""
     element.props['aria-label'] = label
     return element
 

@@ -188,8 +188,11 @@ class LineFile(Settings):
                 ipaddress.ip_address(address)
             except ValueError:
                 raise SettingsError(f'{address!r} is not an IP address', 'hosts', name) from None
-        if len({ipaddress.ip_address(each) for each in self.hosts.values()}) < len(self.hosts):
-            raise SettingsError('two hosts have the same address', 'hosts')
+        named: dict[object, str] = {}
+        for name, address in self.hosts.items():
+            other = named.setdefault(ipaddress.ip_address(address), name)
+            if other != name:
+                raise SettingsError(f'{other} and {name} have the same address {address}', 'hosts')
         if self.discovery not in (HOSTS, SUBNET, *self.hosts):
             known = ', '.join((HOSTS, SUBNET, *self.hosts))
             raise SettingsError(f'{self.discovery!r} is not one of {known}', 'discovery')

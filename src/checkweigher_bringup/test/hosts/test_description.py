@@ -93,7 +93,7 @@ def changed(path: str, value: object) -> dict[str, Any]:
         (changed('hosts', None), 'hosts: is missing'),
         (changed('hots', {}), 'line 4: hots: no such key; valid keys are hosts, lanes, discovery'),
         (changed('hosts.hall', 'hall.local'), "hosts.hall: 'hall.local' is not an IP address"),
-        (changed('hosts.hall', '10.75.0.2'), 'two hosts have the same address'),
+        (changed('hosts.hall', '10.75.0.2'), 'have the same address 10.75.0.2'),
         (changed('discovery', 'everywhere'), "discovery: 'everywhere' is not one of hosts, subnet"),
         (changed('lanes.1', {'host': 'hall'}), "lanes.1: '1' must begin with a"),
         (changed('lanes.lane1.host', 'attic'), "lanes.lane1.host: 'attic' is not one of the hosts"),

@@ -110,7 +110,7 @@ class _Places:
 class FrameDecoder(Decoder):
     """Decoder of binary frames.
 
-    With `checksum`, the fourth byte of a frame is the XOR of the other bytes. Without `checksum`,
+    With `checksum`, the fourth byte of a frame is the XOR of the first three. Without `checksum`,
     the fourth byte is the status of the device, and a wrong reading cannot be detected. `trailer`
     is 'crlf' if frames end with CR LF, 'none' if they do not, or 'auto' if this is unknown. Without
     `checksum`, 'auto' means 'crlf', and 'none' is not allowed, because the beginning of a frame

@@ -12,7 +12,7 @@ import numpy as np
 
 from checkweigher_dsp.signal import Array
 
-_SHORTEST_RISE = 1e-9  # rise time in s that is used for a step
+_SHORTEST_RISE = 1e-9  # shortest rise time in s; a step is computed as a rise of this time.
 _SHORTEST_FITTED_RISE = 1e-4  # shortest rise time in s for derivatives without rounding errors
 
 

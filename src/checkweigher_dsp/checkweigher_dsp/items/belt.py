@@ -235,7 +235,8 @@ class Belt:
     def forget_clock(self, *, backwards: bool) -> None:
         """Discard the times of departures and the usual transit, because the clock has changed.
 
-        Given-up items become abandoned. If the clock has gone `backwards`, the edges of the eyes
+        The items that were given up get the state ABANDONED, so that an edge is assigned to one of
+        them only if no other item fits. If the clock has gone `backwards`, the edges of the eyes
         and the recent items are discarded as well.
         """
         self.entered_last = self.left_last = self.freed = None

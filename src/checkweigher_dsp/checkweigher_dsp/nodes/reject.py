@@ -58,7 +58,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         )
         self._timer = DeadlineTimer(self, self._tick, running=self.parameters.deadlines)
         self._stream = 0
-        # Subscribe to the product before the estimates, so that it is processed first.
+        # Subscribe to the product before the estimates, so that it is processed first if both wait.
         self._product = ProductInUse(self, self._stage)
         load_cell = self.subscribe(ports.LOAD_CELL_INFO, self._on_load_cell)
         driver = self.subscribe(ports.DRIVER_STATUS, self._on_driver_status)

@@ -53,7 +53,7 @@ class RejectStage:
         # Whether a foreign node may have sent edges or estimates. Each verdict is then a FAULT.
         self.foreign = False
         # Whether an item has left for which no number is free, or whose number was used before.
-        # The caller must stop the line and clear the flag.
+        # If it is true, the caller must stop the line and clear the flag.
         self.out_of_numbers = False
         self._batches = BatchRules()
         self._deadlines = Deadlines(parameters)

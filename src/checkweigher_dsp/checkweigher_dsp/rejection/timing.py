@@ -26,7 +26,8 @@ class StreamClock:
     """Clock that shows the present time on the scale of the time stamps of messages.
 
     If the clock is not `running`, it shows the stamp of the last message. Times are in ns. `now` is
-    the time of a monotonic clock, the clock of arrivals.
+    the present time on the monotonic clock of the computer, which also gives the arrival times of
+    messages.
     """
 
     def __init__(self, *, running: bool) -> None:

@@ -176,7 +176,11 @@ class ZeroTracker:
         self._has_read = False
 
     def _mean(self) -> tuple[float, float]:
-        """Return the zero and its variance, weighted by the likelihood of both filters."""
+        """Return the mean and the variance of the zero over the filters.
+
+        Each filter is weighted by its likelihood. The variance includes the differences between the
+        filters.
+        """
         most = max(each.evidence for each in self._motions)
         shares = [math.exp(each.evidence - most) for each in self._motions]
         total = sum(shares)

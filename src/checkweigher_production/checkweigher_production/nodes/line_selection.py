@@ -44,9 +44,9 @@ def find(file: str, name: str) -> tuple[dict[str, Product], Product]:
 class LineSelection:
     """Selection of product and batch.
 
-    Each change is written to the audit log before it is made. `file` is the path of the recipe file
-    and `first` the name of the product at the first start; both may be empty. `warn` logs a
-    warning.
+    Each change is written to the audit log before it is made. `file` is the path of the recipe
+    file. `first` is the name of the product that is selected at a start without a stored selection.
+    Either may be empty. `warn` logs a warning.
     """
 
     file: str
@@ -115,7 +115,7 @@ class LineSelection:
             self.batches.keep(self.recipe.selected)
 
     async def select_at_start(self) -> bool:
-        """Select the product of the last run, or the product at the first start.
+        """Select the product of the stored selection, or `first` without a stored selection.
 
         Return whether a product is selected by this call.
 

@@ -45,8 +45,8 @@ class ProductParameters(Parameters):
     node: ClassVar[str] = 'product'
 
     recipes: str = parameter('', 'recipe file; empty for none')
-    product: str = parameter('', 'product at the first start; empty for none')
-    batch: str = parameter('', 'name of the batch at the first start')
+    product: str = parameter('', 'product at a start without a stored selection; empty for none')
+    batch: str = parameter('', 'name of the batch at a start without a stored selection')
     audit_log: str = parameter('', 'file to which changes are appended; empty for none')
     batch_folder: str = parameter(
         '',

@@ -123,7 +123,8 @@ class _Part:
         self.damage = ''
         self.times: list[int] = []
         self._path = path
-        self._places: list[tuple[int, int]] = []  # begin and size in bytes of records with messages
+        # Offset and size, in bytes, of each record that contains messages.
+        self._places: list[tuple[int, int]] = []
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._counts: Counter[int] = Counter()

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Batch of items, from results, from a CSV file of results, or from a batch record."""
+"""Batch of items, made from weighed items, or read from a CSV file of `weigh` or a batch record."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence

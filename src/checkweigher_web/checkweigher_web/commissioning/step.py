@@ -72,7 +72,11 @@ class Step(ABC):
         """Return the button for the next action of the step."""
 
     def others(self) -> tuple[Choice, ...]:
-        """Return the other buttons of the step. The number of these buttons never changes."""
+        """Return the other buttons of the step.
+
+        A step must always return the same number of buttons, because the page creates the buttons
+        only once.
+        """
         return ()
 
     @abstractmethod

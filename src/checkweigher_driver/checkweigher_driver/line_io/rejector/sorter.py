@@ -146,8 +146,8 @@ class Sorter:
     def acting(self, now: int) -> list[bool]:
         """Return whether the rejector and each station have to act at time `now`, in this order.
 
-        If the method was not called during a pulse, a missed product is reported, which stops the
-        line.
+        If a pulse has passed without a call, the next call reports a missed product, which stops
+        the line.
         """
         skipped = sum(pulses.skipped for pulses in self._pulses)
         acting = [pulses.acting(now) for pulses in self._pulses]
