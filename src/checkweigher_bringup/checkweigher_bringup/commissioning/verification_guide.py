@@ -5,7 +5,7 @@
 The operator works at the terminal, or at the page (see `verifier`).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 import math
@@ -143,11 +143,14 @@ def procedure_on_line(
                 break
         what = identity.at_begin(_parameters(node, _ANSWER_PATIENCE), 'on a running line')
         lane = node.get_namespace().strip('/')
-        with BagWriter(output, ports.RECORDED, lane, in_place=True) as bag, _writing(bag, node):
+        with (
+            BagWriter(output, ports.RECORDED, lane, in_place=True) as bag,
+            _writing(bag, node) as check_bag,
+        ):
             node.tell(VerificationStep(node.latest, '', StepState.PLAN, text=text))
             node.tell(VerificationStep(node.latest, '', StepState.IDENTITY, text=what))
             with suppress(BrokenOffError):
-                _Guide(node, plan, cell, operator).run()
+                _Guide(node, plan, cell, operator, check_bag).run()
             # A line that is about to end may not answer. The report then says that the changes are
             # unknown.
             with suppress(UserError, InvalidHandle):
@@ -199,11 +202,12 @@ class VerificationNode(RecorderNode):
 
 
 @contextmanager
-def _writing(bag: BagWriter, node: VerificationNode) -> Iterator[None]:
+def _writing(bag: BagWriter, node: VerificationNode) -> Iterator[Callable[[], None]]:
     """Write the recorded messages to the bag, in another thread, until the context ends.
 
-    When the context ends, wait until all messages are written. Raises `OutputError` if a message
-    could not be written, unless the context has raised another exception.
+    Yields a function that raises `OutputError` if a message could not be written. When the context
+    ends, wait until all messages are written, and raise this error, unless the context has raised
+    an exception.
     """
     ending = threading.Event()
 
@@ -213,8 +217,13 @@ def _writing(bag: BagWriter, node: VerificationNode) -> Iterator[None]:
 
     with ThreadPoolExecutor(1) as pool:
         written = pool.submit(write)
+
+        def check() -> None:
+            if written.done():
+                written.result()
+
         try:
-            yield
+            yield check
         finally:
             ending.set()
     written.result()
@@ -222,12 +231,18 @@ def _writing(bag: BagWriter, node: VerificationNode) -> Iterator[None]:
 
 class _Guide:
     def __init__(
-        self, node: VerificationNode, plan: Plan, load_cell: LoadCell, operator: Operator
+        self,
+        node: VerificationNode,
+        plan: Plan,
+        load_cell: LoadCell,
+        operator: Operator,
+        check_bag: Callable[[], None],
     ) -> None:
         self._node = node
         self._plan = plan
         self._cell = load_cell
         self._operator = operator
+        self._check_bag = check_bag
         self._steadiness = Steadiness(plan.rest.duration_s, plan.rest.tolerance)
         self._attempts: list[Attempt] = []
         self._warm: int | None = None  # start of the warm-up in ns
@@ -235,13 +250,15 @@ class _Guide:
     def run(self) -> None:
         """Guide the operator through all steps, and wait until `_TRAIL` s of samples follow.
 
-        Raises `BrokenOffError` if the operator cancels the procedure.
+        Raises `BrokenOffError` if the operator cancels the procedure, and `OutputError` at the next
+        step if the bag could not be written, so that the operator does not go on in vain.
         """
         steps = steps_of(self._plan)
         self._operator.begin(steps)
         for number, step in enumerate(steps):
             while not self._make(number, step):
-                pass
+                self._check_bag()
+            self._check_bag()
         end = self._node.latest + round(_TRAIL * NANOSECONDS)
         patience = time.monotonic() + 4 * _TRAIL
         while self._node.latest < end and time.monotonic() < patience:

@@ -9,7 +9,9 @@ import json
 import math
 from pathlib import Path
 import queue
+import resource
 import signal
+import time
 
 from calibration_dialogue import Dialogue
 from checkweigher_msgs.action import RunVerification
@@ -146,6 +148,18 @@ def test_a_procedure_that_is_broken_off_has_a_report_of_what_was_made(tmp_path: 
     departures = check_same(ended, tmp_path / 'again_ended')['departures']
     assert isinstance(departures, list)
     assert 'Parameters and audit log were not read again after the last step.' in departures
+
+
+def test_a_bag_that_cannot_be_written_ends_the_procedure_after_the_step(tmp_path: Path):
+    with guided(tmp_path / 'machine') as (verifier, operator):
+        begun = operator.begin()
+        operator.asked_for('warm_up_zero_0')
+        _, hard = resource.prlimit(verifier.pid, resource.RLIMIT_FSIZE)
+        resource.prlimit(verifier.pid, resource.RLIMIT_FSIZE, (0, hard))  # as on a full disk
+        time.sleep(3.0)  # the node writes its messages once a second
+        assert not operator.answer(MAKE)
+        wait_for(lambda: begun.done)
+        assert 'File too large' in begun.message
 
 
 def test_a_verification_without_a_line_says_so(tmp_path: Path):
