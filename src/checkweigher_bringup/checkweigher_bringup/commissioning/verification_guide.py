@@ -256,9 +256,10 @@ class _Guide:
         steps = steps_of(self._plan)
         self._operator.begin(steps)
         for number, step in enumerate(steps):
-            while not self._make(number, step):
+            is_made = False
+            while not is_made:
+                is_made = self._make(number, step)
                 self._check_bag()
-            self._check_bag()
         end = self._node.latest + round(_TRAIL * NANOSECONDS)
         patience = time.monotonic() + 4 * _TRAIL
         while self._node.latest < end and time.monotonic() < patience:

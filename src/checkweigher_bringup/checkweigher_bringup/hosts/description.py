@@ -182,15 +182,13 @@ class LineFile(Settings):
     discovery: str = parameter(HOSTS, 'hosts, subnet, or the host with the discovery server')
 
     def __post_init__(self) -> None:
+        names: dict[object, str] = {}  # name of the host by its address
         for name, address in self.hosts.items():
             _check_name(name, 'hosts', name)
             try:
-                ipaddress.ip_address(address)
+                other = names.setdefault(ipaddress.ip_address(address), name)
             except ValueError:
                 raise SettingsError(f'{address!r} is not an IP address', 'hosts', name) from None
-        named: dict[object, str] = {}
-        for name, address in self.hosts.items():
-            other = named.setdefault(ipaddress.ip_address(address), name)
             if other != name:
                 raise SettingsError(f'{other} and {name} have the same address {address}', 'hosts')
         if self.discovery not in (HOSTS, SUBNET, *self.hosts):

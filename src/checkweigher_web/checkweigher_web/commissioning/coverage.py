@@ -4,6 +4,7 @@
 
 import asyncio
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from functools import lru_cache
 import math
 from pathlib import Path
@@ -57,34 +58,36 @@ async def recorded(services: LaneServices) -> tuple[Recorded, ...]:
 
 def passes_in(bags: Iterable[str]) -> tuple[Recorded, ...]:
     """Return the passes in bags, in the order of the bags. A bag that cannot be read is skipped."""
-    found: list[Recorded] = []
+    found: list[Recorded | None] = []
     for bag in map(Path, bags):
-        try:
-            found += _recorded(bag, bag.stat().st_mtime_ns)
-        except (BagError, OSError):
-            continue
-    return tuple(found)
+        with suppress(OSError):
+            found.append(_recorded(bag, bag.stat().st_mtime_ns))
+    return tuple(filter(None, found))
 
 
 @lru_cache(_MANY)
-def _recorded(bag: Path, changed: int) -> tuple[Recorded, ...]:
-    """Return the passes in a bag, all of which have the same mass, as a tuple of one element.
+def _recorded(bag: Path, changed: int) -> Recorded | None:
+    """Return the passes in a bag. All passes in a bag have the same mass.
 
-    Returns () if the bag lacks the load cell, or an edge of the outfeed eye after a reference mass.
-    `changed` is the time of the last change of the bag in ns, so that a changed bag is read again.
+    Returns None if the bag is damaged, or lacks the load cell, or an edge of the outfeed eye after
+    a reference mass. `changed` is the time of the last change of the bag in ns, so that a changed
+    bag is read again, but a damaged bag is not read at each update of the page.
     """
     topics = ports.LOAD_CELL_INFO, ports.PHOTO_EYES, ports.REFERENCE_MASS
-    cells, edges, references = read_records(bag, *topics).values()
+    try:
+        cells, edges, references = read_records(bag, *topics).values()
+    except BagError:
+        return None
     times = np.array([each.stamp for each in references])
     exits = np.sort([each.stamp for each in edges if each.eye is Eye.OUTFEED and each.blocked])
     after = np.searchsorted(exits, times)
     known = after < len(exits)
     if not (cells and known.any()):
-        return ()
+        return None
     transit = np.median(exits[after[known]] - times[known]) / NANOSECONDS
     speed = cells[0].weigh_length / float(transit)
     interval = float(np.median(np.diff(times))) / NANOSECONDS if len(times) > 1 else math.nan
-    return (Recorded(speed, references[0].mass, len(times), speed * interval),)
+    return Recorded(speed, references[0].mass, len(times), speed * interval)
 
 
 def usual_spacing(known: Iterable[Recorded]) -> float:
