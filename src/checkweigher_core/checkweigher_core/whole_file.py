@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Writing of output files, each of which is written completely or not at all."""
+"""Writing of output files. A file is written completely or not at all."""
 
 from collections.abc import Iterable
 import errno

@@ -42,7 +42,7 @@ class LogChain:
 
 
 def read_chain(path: Path) -> LogChain:
-    """Read an audit log and all earlier logs, each of which the first entry of the next log names.
+    """Read an audit log and all earlier logs. The first entry of a log names the log before it.
 
     Raises `AuditError` if `path` cannot be read. The `fault` of the result names each log that is
     not valid, that cannot be read, or whose last entry is not the one that the next log names.

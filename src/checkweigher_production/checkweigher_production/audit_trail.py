@@ -53,7 +53,7 @@ class Authors:
     def of(self, service: str, otherwise: str, now: float) -> Author:
         """Return the person announced as the caller of a service.
 
-        If nobody is announced, or the announcement has expired, the node `otherwise` is returned.
+        Without an announcement, or after it has expired, the node `otherwise` is returned.
         """
         author, until = self._callers.get(service, (None, now))
         return Author(f'graph:{otherwise}') if author is None or until < now else author

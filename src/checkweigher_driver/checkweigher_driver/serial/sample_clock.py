@@ -121,7 +121,7 @@ class SampleClock:
         )
 
     def add(self, first_index: int, count: int, host_ns: int) -> None:
-        """Add a read of `count` samples, of which the first has the index `first_index`.
+        """Add a read of `count` samples. The first sample has the index `first_index`.
 
         `host_ns` is the time in ns on the real-time clock of the host at which the last sample of
         the read arrived.

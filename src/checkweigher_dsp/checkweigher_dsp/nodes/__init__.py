@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""ROS nodes, each of which runs one stage of the line."""
+"""ROS nodes. Each node runs one stage of the line."""
 
 import os
 

@@ -72,7 +72,7 @@ class EdgeCheck:
 
     @property
     def lag(self) -> float:
-        """Median lag of the last items, of which at most eight are used, or NaN without items."""
+        """Median lag of the last items (at most eight), or NaN without items."""
         return median(self._recent) if self._recent else math.nan
 
     @property

@@ -197,7 +197,7 @@ class LineAudit:
     def claimed_by(self, service: str, who: str, why: str) -> Author:
         """Return the person who calls a service.
 
-        A person whom the page or a gateway has announced is trusted. If nobody is announced, the
+        A person whom the page or a gateway has announced is trusted. Without an announcement, the
         result has the reason `why` and the name ``claimed:`` followed by `who`, because the name in
         a request is only a claim. If `who` is empty, the name is empty.
         """

@@ -67,8 +67,8 @@ def profiles(environment: Mapping[str, str]) -> str:
 def peers(environment: Mapping[str, str]) -> list[tuple[str, int]]:
     """Return the addresses and ports to contact, or an empty list if multicast is used.
 
-    The addresses are that of this computer and those in ROS_STATIC_PEERS, of which only IPv4
-    addresses are used.
+    The addresses are that of this computer and the IPv4 addresses in ROS_STATIC_PEERS. Other
+    entries of ROS_STATIC_PEERS are ignored.
     """
     if environment.get('ROS_AUTOMATIC_DISCOVERY_RANGE') != 'LOCALHOST':
         return []

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Tests of places, of which only one process on a computer can hold each."""
+"""Tests of places. Only one process on a computer can hold a place."""
 
 import os
 import subprocess
