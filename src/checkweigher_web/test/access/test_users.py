@@ -6,10 +6,12 @@ import json
 import os
 from pathlib import Path
 
+from argon2 import extract_parameters
 import pytest
 
 from checkweigher_core.parameters import SettingsError
 from checkweigher_web.access.users import (
+    NOBODY,
     Role,
     User,
     UserFile,
@@ -109,3 +111,9 @@ def test_a_change_of_the_file_counts_at_once(tmp_path: Path):
     assert file.find('anna') == known
     write_users(path, {})
     assert file.find('anna') is None
+
+
+def test_an_unknown_name_takes_as_much_time_as_a_known_one():
+    cost = extract_parameters(NOBODY.hash)
+    assert cost == extract_parameters(hash_password('anna', PASSWORD))
+    assert not NOBODY.has_password(PASSWORD)
