@@ -80,8 +80,8 @@ class Intake:
             name, namespace or '', lambda now: [self._finding(now), *findings(now)]
         )
         spinner.add(self._finder)
-        # Use a separate node, because an input of the finder would receive only the diagnostics of
-        # the finder itself.
+        # Subscribe to the diagnostics in a separate node. An input of the finder would be connected
+        # to the output of the finder within the process, and would not receive other diagnostics.
         board = PortNode(f'{name}_board')
         take = partial(self._take, '', ports.DIAGNOSTICS)
         board.subscribe(ports.DIAGNOSTICS, take, needed=False)

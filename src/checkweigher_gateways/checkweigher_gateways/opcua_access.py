@@ -29,7 +29,7 @@ class Caller(User):
 
 # User who sent the request that the current asyncio task handles, or None without such a user.
 CALLER: ContextVar[Caller | None] = ContextVar('caller', default=None)
-# User whose password the current asyncio task has checked, or None if no valid one was checked.
+# User whose password the current asyncio task has found valid, or None if there is none.
 _CHECKED: ContextVar[Caller | None] = ContextVar('checked', default=None)
 
 _CREATE, _ACTIVATE = (

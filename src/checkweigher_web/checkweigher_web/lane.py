@@ -285,10 +285,10 @@ class Lane:
         return float(loads[len(loads) // 2 :].mean()), float(np.ptp(loads))
 
     def recording(self) -> Recording | None:
-        """Return the samples and edges of the time for which the lane holds both.
+        """Return the samples and edges of the period for which the lane holds both.
 
-        The recording also contains the known masses of this time. Returns None if there is no such
-        time.
+        The recording also contains the known masses that were published in this period. Returns
+        None if there is no such period.
         """
         (references,) = self._of(Reference)
         signal = self._signal()

@@ -203,7 +203,8 @@ class AedDialogue:
     def _line(self) -> str:
         """Return a reply without its line end, or an empty string without a reply.
 
-        If the line end does not arrive within 0.5 s, the characters so far are returned.
+        If the line end does not arrive within 0.5 s or `_LONGEST_REPLY` bytes, the characters that
+        have arrived are returned.
         """
         line = b''
         end = time.monotonic() + _PATIENCE

@@ -21,7 +21,7 @@ class ShrinkageTable:
     Raises
     ------
     ValueError
-        If there is no speed, the speeds do not ascend, or the columns differ in length.
+        If there is no speed, the speeds do not increase, or the columns differ in length.
     """
 
     # Belt speeds in m/s, ascending.
@@ -32,7 +32,7 @@ class ShrinkageTable:
 
     def __post_init__(self) -> None:
         if not self.speeds or any(a >= b for a, b in pairwise(self.speeds)):
-            raise ValueError('speeds must ascend, and at least one is needed')
+            raise ValueError('at least one is needed, in increasing order')
         for row in (*self.gains, *self.thresholds):
             if len(row) != len(self.speeds):
                 raise ValueError(

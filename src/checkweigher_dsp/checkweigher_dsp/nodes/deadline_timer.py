@@ -36,10 +36,11 @@ class DeadlineTimer:
         self.clock.saw(stamp, time.monotonic_ns())
 
     def set(self, due: int | None, stamp: int | None) -> None:
-        """Set the timer to the earlier of two times, or clear it if no time is known.
+        """Set the timer to the earlier of two times, unless it is set to an earlier time.
 
-        `due` is a time on the clock of arrivals, and `stamp` a time on the clock of stamps. If the
-        clock of stamps is not running, `due` and a future `stamp` count as unknown.
+        If neither time is known, the timer is cleared. `due` is a time on the clock of arrivals,
+        and `stamp` a time on the clock of stamps. If the clock of stamps is not running, `due` and
+        a future `stamp` count as unknown.
         """
         times = [due if self.clock.running else None]
         if stamp is not None:

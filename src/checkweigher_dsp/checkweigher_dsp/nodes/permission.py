@@ -1,6 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Output of the permission to run the line, which the node reject sends ten times per second."""
+"""Publisher of the permission to run the line.
+
+The node `reject` publishes the permission ten times per second, and at each change of the stop
+request.
+"""
 
 from collections.abc import Callable, Mapping
 from functools import partial

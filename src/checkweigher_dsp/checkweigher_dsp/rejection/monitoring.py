@@ -191,5 +191,5 @@ def _forbids(test: PerformanceTest, now: int) -> bool:
 
 
 def _counted_on(count: int, again: bool) -> int:
-    """Return `count` plus 1 if the counted event has occurred `again`, otherwise 0."""
+    """Return the number of successive events: `count` + 1 if `again` is true, otherwise 0."""
     return count + 1 if again else 0

@@ -195,7 +195,10 @@ class ProductNode(StageNode[ProductParameters]):
         return await self._answer(response, begin_or_cancel(author), 'performance test')
 
     async def _advance_recipe(self) -> None:
-        """Set the parameters of the product in restarted nodes, and update the performance test."""
+        """Select the product at the start of the line, and go on with the performance test.
+
+        In nodes that were restarted, set the parameters of the product again.
+        """
         self._add_started()
         if await self._selection.select_at_start():
             self._publish()

@@ -46,7 +46,7 @@ def lanes_of(connections: Iterable[Connection], ports: Collection[Port]) -> dict
 
 
 def choose_lane(path: Path, connections: Sequence[Connection], namespace: str | None) -> Lane:
-    """Return the connections of the recorded signals of one lane, each with its port.
+    """Return the connections of the topics of a lane that a replay reads, each with its port.
 
     `namespace` is the namespace of the lane, or None for the only lane of the bag.
 

@@ -42,7 +42,7 @@ def program() -> Program:
 
 
 def other_program(there: Program, here: Program) -> str:
-    """Return one line with the reason why a worker cannot be used, or an empty text if it can.
+    """Return the reason why a worker cannot be used, in one line, or an empty string.
 
     `there` is the program of the worker and `here` the program of this process.
     """

@@ -24,9 +24,10 @@ _SECONDS_PER_HOUR = 3600
 class ResultsFolder:
     """Results of jobs in the folder `path`, which is created if necessary.
 
-    `jobs` contains the jobs by the names of their result files, without suffix. Stored results of
-    the same bag, parameters, lane and program are kept. The attribute `jobs` is a list of the jobs,
-    in which `known` is set for each job with stored results. Raises `OutputError` if the folder
+    `jobs` contains the jobs by the names of their result files, without suffix. A bag is not
+    weighed again if the folder contains results that were computed from the same bag, with the
+    parameters, the lane and the program of its job. The attribute `jobs` is a list of the jobs, in
+    which `known` is set for each job with stored results. Raises `OutputError` if the folder
     cannot be used.
     """
 
@@ -44,7 +45,7 @@ class ResultsFolder:
         return self._path / self._names[bag]
 
     def _known(self, job: WeighJob) -> str:
-        """Return the digest of the bag of a job if its results are stored, or an empty text."""
+        """Return the digest of the bag of a job if its results are stored, or an empty string."""
         found = read_origin(self.file_of(job.bag))
         if found is None or found[0] != origin_of(job, found[0].bag_sha256):
             return ''

@@ -135,7 +135,7 @@ class Batch:
         )
 
     def _fault_by(self, states: Sequence[RecordState], data: bytes) -> str:
-        """Return how a record contradicts its states in the audit log, or an empty text."""
+        """Return how a record contradicts its states in the audit log, or an empty string."""
         has_end = any(each.event == ENDED for each in states)
         lacks = bool(states and self.end and not has_end)
         own = 'it has an end that is not in the audit log' if lacks else ''

@@ -52,7 +52,7 @@ def _counted(verdict: Verdict, known: BatchTally, product: Product | None) -> Ba
 
 
 def _difference(found: BatchTally, told: BatchTally) -> str:
-    """Return the first difference between counts as a sentence, or an empty text if they agree.
+    """Return the first difference between counts as a sentence, or an empty string if they agree.
 
     `found` contains the counts of the items in the record, and `told` those in the verdict.
     """

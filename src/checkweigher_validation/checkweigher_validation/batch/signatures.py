@@ -132,7 +132,7 @@ def foreign_keys(signatures: Sequence[Signature], signers: Mapping[str, Signer])
 
 
 def lacking(signatures: Sequence[Signature], persons: int) -> str:
-    """Return why these signatures do not permit a release, or an empty text if they do.
+    """Return why these signatures do not permit a release, or an empty string if they do.
 
     A person who has signed twice, or a key with which two persons have signed, counts once.
     """

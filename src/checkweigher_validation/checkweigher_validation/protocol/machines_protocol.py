@@ -73,11 +73,12 @@ def passes_cut_by(
     cuts: Sequence[SegmenterParameters],
     without: tuple[str, ...] = (),
 ) -> list[tuple[KnownPass, ...]]:
-    """Simulate `count` passes of a machine at a speed in m/s, with `masses` in kg in random order.
+    """Simulate `count` passes of a machine, with known masses in random order.
 
-    Returns the passes for each element of `cuts`, which contains parameters of the segmenter.
-    `machine` is the seed of the machine, and `seed` that of the passes. `without` contains the
-    causes of disturbance that are removed from the machine.
+    `speed` is the belt speed in m/s. `masses` contains the masses in kg, which are repeated until
+    there are `count` of them. Returns the passes for each element of `cuts`, which contains
+    parameters of the segmenter. `machine` is the seed of the machine, and `seed` that of the
+    passes. `without` contains the causes of disturbance that are removed from the machine.
     """
     order = np.random.default_rng((machine, round(1000 * speed), seed))
     profile = '-'.join((f'{PREFIX}{machine}', *without))

@@ -37,7 +37,7 @@ class Tunable:
     The class of the estimator defines which parameters are searched and which are learned.
     Subclasses are for estimators that need the passes at other speeds, a model of the machine, or
     parameters of the denoiser. `groups` contains the passes at all speeds, and `base` contains the
-    parameters that are not tuned.
+    start values of the tuned parameters and the values of all other parameters.
     """
 
     def __init__(

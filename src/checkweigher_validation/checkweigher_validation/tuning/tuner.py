@@ -41,7 +41,7 @@ _OWN: dict[str, type[Tunable]] = {
 }
 TUNABLES: dict[str, type[Tunable]] = {name: _OWN.get(name, Tunable) for name in METHODS}
 
-UNTRAINED = 'untrained'  # name that stands for the parameters without training in comparisons
+UNTRAINED = 'untrained'  # name of the parameters before training, in comparisons
 FEWEST_PASSES = 3  # smallest number of passes of one speed for tuning
 _FEWEST_FOR_HALVES = 60  # smallest number of passes for cross-validation with halves or eighths
 _FEWEST_FOR_FIFTHS = 20  # smallest number of passes for cross-validation with fifths
@@ -100,7 +100,7 @@ def tune(
     estimators : sequence of str
         Names of the estimators.
     base : LineParameters
-        Parameters that are not tuned.
+        Start values of the tuned parameters, and values of all other parameters.
     budget : int
         Largest number of evaluations for each estimator at each speed, as in
         `checkweigher_validation.tuning.search.search`. A fold of several passes has half of it.

@@ -66,7 +66,7 @@ class ItemPass:
 
 @dataclass(frozen=True, slots=True)
 class AtRest:
-    """Reading of a load at rest in kg, relative to the zero of calibration."""
+    """Reading of a load at rest. Masses are in kg, relative to the zero of calibration."""
 
     mass: float  # mean of the samples; all masses are NaN if there is no valid reading
     std_error: float  # standard error of the mean, from the means of ten successive batches

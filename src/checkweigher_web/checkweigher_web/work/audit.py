@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Dialog with the audit log of a lane: its state, its seals and the latest changes."""
+"""Dialog with the audit log of a lane: the state, the seals and the latest entries of the log."""
 
 from pathlib import Path
 

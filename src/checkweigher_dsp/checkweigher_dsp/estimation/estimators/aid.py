@@ -124,7 +124,7 @@ class Aid(Estimator):
     )
 
     def estimate(self, window: WeighWindow) -> LoadEstimate:
-        """Return the steady state of the identified platform as the load; see `estimate_all`."""
+        """Return the load in a window, the steady state of the platform; see `estimate_all`."""
         return self.estimate_all([window])[0]
 
     def estimate_all(self, windows: Sequence[WeighWindow]) -> list[LoadEstimate]:

@@ -52,7 +52,7 @@ class EstimatorParameters(Parameters):
     Raises
     ------
     ParameterError
-        If the speeds do not ascend, there is no speed, or a list has a wrong number of values.
+        If the speeds do not increase, there is no speed, or a list has a wrong number of values.
     """
 
     calibrated: bool = parameter(False, 'whether the lists below come from training passes')
@@ -85,7 +85,7 @@ class EstimatorParameters(Parameters):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not self.speeds or any(a >= b for a, b in pairwise(self.speeds)):
-            raise ParameterError(f'{self.node}.speeds: must ascend and name at least one speed')
+            raise ParameterError(f'{self.node}.speeds: at least one is needed, in increasing order')
         for entry in fields(self):
             values = getattr(self, entry.name)
             if isinstance(values, tuple) and not self.fits(entry.name, len(values)):

@@ -109,7 +109,7 @@ def notch(signal: Array, angle: float, step: float, sharpness: float) -> Array:
     """Return a signal, (n,), without the oscillation that advances by `angle` rad per sample.
 
     The filter adapts to the oscillation, so it does not remove the first periods completely. `step`
-    is beta, and `sharpness` is alpha.
+    is the largest step size, beta, and `sharpness` is alpha in the equation of the module.
     """
     phase, first, second = angle * np.arange(len(signal)), 0.0, 0.0
     left = []
