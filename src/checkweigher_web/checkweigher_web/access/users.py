@@ -80,7 +80,8 @@ def signing_key(path: Path, user: User, password: str) -> Ed25519PrivateKey:
     """Derive the private key for signatures of a user from the password, and return the key.
 
     A new password gives a new key. The first call for a key adds its public key to the users file.
-    Raises the errors of `read_users` and `write_users`.
+    Raises `UsersError` if the user has been removed, and the errors of `read_users` and
+    `write_users`.
     """
     salt = hashlib.sha256(f'checkweigher signature {user.hash}'.encode()).digest()[:16]
     secret = unicodedata.normalize('NFC', password).encode()
@@ -89,6 +90,8 @@ def signing_key(path: Path, user: User, password: str) -> Ed25519PrivateKey:
     public = public_hex(key)
     with changing_users(path):
         users = read_users(path)
+        if user.name not in users:
+            raise UsersError(f'{path}: the user {user.name} has been removed')
         known = users[user.name].keys.split()
         if public not in known:
             own = replace(users[user.name], keys=' '.join([*known, public]))

@@ -19,6 +19,7 @@ from checkweigher_web.access.users import (
     check_name,
     hash_password,
     read_users,
+    signing_key,
     write_users,
 )
 
@@ -117,3 +118,11 @@ def test_an_unknown_name_takes_as_much_time_as_a_known_one():
     cost = extract_parameters(NOBODY.hash)
     assert cost == extract_parameters(hash_password('anna', PASSWORD))
     assert not NOBODY.has_password(PASSWORD)
+
+
+def test_a_user_who_has_been_removed_cannot_sign(tmp_path: Path):
+    path = tmp_path / 'users'
+    write_users(path, {})
+    anna = User('anna', Role.OPERATOR, hash_password('anna', PASSWORD))
+    with pytest.raises(UsersError, match='anna has been removed'):
+        signing_key(path, anna, PASSWORD)
