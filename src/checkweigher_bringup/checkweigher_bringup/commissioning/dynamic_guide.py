@@ -8,7 +8,7 @@ from pathlib import Path
 from statistics import median
 
 from checkweigher_bringup import settings
-from checkweigher_bringup.commissioning.static_guide import ask
+from checkweigher_bringup.commissioning.terminal import ask
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.output import check_output_file
 from checkweigher_bringup.recorder import ReferencePasses, record
@@ -19,6 +19,7 @@ from checkweigher_driver.calibration.file import check_not_installed, replace_ve
 from checkweigher_dsp.pipeline.line import LineParameters
 
 _MINUTE = 60.0  # s
+_BUDGET = 240  # largest number of evaluations of each estimator at each speed
 _TOLERANCE = 0.05  # maximum relative difference between the requested and the actual belt speed
 
 
@@ -38,7 +39,7 @@ def set_dynamically(arguments: argparse.Namespace) -> None:
     estimators = (
         settings.estimator_names([arguments.estimator], ()) if arguments.estimator else None
     )
-    train(bags, new, estimators, base, budget=arguments.budget)
+    train(bags, new, estimators, base, budget=arguments.budget or _BUDGET)
     taken = ask(
         f'Type yes to write these parameters to {output}',
         f'the parameters were accepted; they are in {new}',
@@ -49,11 +50,17 @@ def set_dynamically(arguments: argparse.Namespace) -> None:
     print(f'{output}: version {replace_version(output, new)} written; start the line with it')
 
 
-def _check(arguments: argparse.Namespace) -> None:
+def check_passes(arguments: argparse.Namespace) -> None:
+    """Raise `UserError` if the mass, the number of passes or the speeds are missing or invalid."""
     for option in ('reference', 'speeds'):
         if getattr(arguments, option) is None:
             raise UserError(f'--{option}: must be given with --dynamic')
-    settings.check_positive(arguments, 'reference', 'passes', 'budget', 'speeds')
+    settings.check_positive(arguments, 'reference', 'passes', 'speeds')
+
+
+def _check(arguments: argparse.Namespace) -> None:
+    check_passes(arguments)
+    settings.check_positive(arguments, 'budget')
     if arguments.source is not None or arguments.open:
         raise UserError('--dynamic: uses a running line, so leave out --source and --open')
     settings.check_namespace(arguments.namespace)

@@ -8,14 +8,12 @@ import time
 
 from checkweigher_msgs.srv import BeginTest
 
-from checkweigher_bringup.commissioning.service_call import call
+from checkweigher_bringup.commissioning.lane_client import PATIENCE, call
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.spinning import spinning
 from checkweigher_core.records import GRAMS, PerformanceState, PerformanceTest
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.port_node import PortNode
-
-_PATIENCE = 5.0  # maximum time in s to wait for the first message, and for each answer
 
 
 def make_test(lane: str, who: str, reason: str, timeout: float) -> bool:
@@ -34,15 +32,14 @@ def make_test(lane: str, who: str, reason: str, timeout: float) -> bool:
         # Wait for a message before the test, because otherwise the first passes might be missed.
         topic = node.resolve_topic_name(ports.PERFORMANCE_TEST.name)
         absent = f'no message on {topic}: is the line running, with a product selected?'
-        before = _next(states, _PATIENCE, absent)
-        request = BeginTest.Request(who=who, reason=reason)
-        print(call(node, BeginTest, ports.BEGIN_TEST, _PATIENCE, request), flush=True)
+        before = _next(states, PATIENCE, absent)
+        begun = call(node, BeginTest, ports.BEGIN_TEST, who=who, reason=reason)
+        print(begun.message, flush=True)
         print('every item is rejected until the test has ended', flush=True)
         try:
             return _follow(states, before, timeout)
         except BaseException:
-            request = BeginTest.Request(who=who, reason='interrupted', cancel=True)
-            call(node, BeginTest, ports.BEGIN_TEST, _PATIENCE, request)
+            call(node, BeginTest, ports.BEGIN_TEST, who=who, reason='interrupted', cancel=True)
             raise
 
 

@@ -5,9 +5,9 @@
 import argparse
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-import sys
 
 from checkweigher_bringup.commissioning.sample_feed import SampleFeed, line_feed, source_feed
+from checkweigher_bringup.commissioning.terminal import ask, show
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.settings import check_namespace, check_positive
 from checkweigher_core.records import GRAMS, LoadCell
@@ -29,6 +29,16 @@ from checkweigher_driver.calibration.static_calibration import (
 )
 from checkweigher_driver.devices import source_class
 
+_DURATION = 5.0  # duration in s of each reading
+_TOLERANCE = 0.1  # largest drift in g of a reading
+
+
+def check_masses(arguments: argparse.Namespace) -> None:
+    """Raise `UserError` if a mass, its uncertainty or the largest residual is invalid."""
+    check_positive(arguments, 'masses', 'max_residual')
+    if not arguments.mass_uncertainty >= 0:
+        raise UserError(f'--mass-uncertainty {arguments.mass_uncertainty}: must not be negative')
+
 
 def calibrate_at_rest(arguments: argparse.Namespace) -> None:
     """Guide the technician through the masses, and write the calibration file.
@@ -40,14 +50,14 @@ def calibrate_at_rest(arguments: argparse.Namespace) -> None:
     if arguments.source is None:
         names = ', '.join(calibrated_sources())
         raise UserError(f'--source: must be the source to calibrate: {names}')
-    check_positive(arguments, 'masses', 'duration', 'tolerance', 'max_residual')
-    if not arguments.mass_uncertainty >= 0:
-        raise UserError(f'--mass-uncertainty {arguments.mass_uncertainty}: must not be negative')
+    check_masses(arguments)
+    check_positive(arguments, 'duration', 'tolerance')
     check_calibration_file(arguments.output)
     masses = [mass / GRAMS for mass in arguments.masses or ()]
     with _feed(arguments) as feed:
         load_cell = feed.wait_for_load_cell()
-        steadiness = Steadiness(arguments.duration, arguments.tolerance / GRAMS)
+        duration, tolerance = arguments.duration or _DURATION, arguments.tolerance or _TOLERANCE
+        steadiness = Steadiness(duration, tolerance / GRAMS)
         points = _guided_points(feed, masses, arguments.mass_uncertainty / GRAMS, steadiness)
     found = calibrate(points) if masses else zero_only(points[0], load_cell.counts_per_kg)
     print('\n'.join(calibration_table(found, points)))
@@ -69,20 +79,6 @@ def _feed(arguments: argparse.Namespace) -> AbstractContextManager[SampleFeed]:
     values = source_values(arguments.params, arguments.source) if arguments.params else {}
     kind = source_class(arguments.source)
     return source_feed(arguments.source, kind(kind.parameters.from_mapping(values)))
-
-
-def ask(text: str, unfinished: str = 'the calibration was done: nothing was written') -> str:
-    """Print a request to the technician, wait for Enter, and return the text that was typed.
-
-    If the standard input ends, `UserError` is raised with a message that ends with `unfinished`.
-    """
-    print(f'{text}, then press Enter ', end='', file=sys.stderr, flush=True)
-    answer = sys.stdin.readline()
-    if not answer:
-        raise UserError(f'the input ended before {unfinished}')
-    if not sys.stdin.isatty():
-        print(file=sys.stderr)
-    return answer.strip()
 
 
 def _guided_points(
@@ -133,9 +129,3 @@ def _line(reading: StaticReading, load_cell: LoadCell, duration: float) -> str:
         f'{duration:4.1f} s: {mass:10.3f} g as calibrated now, reading {reading.mean:.1f}, drift '
         f'{abs(grams) * reading.drift:+.3f} g, noise {abs(grams) * reading.noise:.3f} g'
     )
-
-
-def show(text: str) -> None:
-    """Replace the text in the last line of the terminal, if stderr is a terminal."""
-    if sys.stderr.isatty():
-        print(f'\r\x1b[K{text}', end='', file=sys.stderr, flush=True)

@@ -4,21 +4,27 @@
 
 import argparse
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+import queue
 import shutil
 
 from rclpy.node import Node
 
 from checkweigher_bringup.commissioning.identity import Identity
-from checkweigher_bringup.commissioning.service_call import node_that_verifies, write_to_log
+from checkweigher_bringup.commissioning.lane_client import technician, write_to_log
+from checkweigher_bringup.commissioning.terminal import StepsAtTerminal
 from checkweigher_bringup.commissioning.verification_bags import procedure_of_bags
-from checkweigher_bringup.commissioning.verification_guide import Terminal, procedure_on_line
+from checkweigher_bringup.commissioning.verification_guide import procedure_on_line
+from checkweigher_bringup.commissioning.verification_operator import Operator
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.settings import check_namespace, line_parameters
 from checkweigher_bringup.spinning import spinning
 from checkweigher_core.changes import VERIFICATION
 from checkweigher_core.input_files import sha256_of
+from checkweigher_core.records import ProgressState, VerificationProgress
 from checkweigher_core.ros.services import VERIFIER
+from checkweigher_core.ros.spinner import Spinner
 from checkweigher_core.whole_file import check_new, make_output_folder, write_whole
 from checkweigher_production.audit_chain import read_chain
 from checkweigher_recording.archive.copying import local_bag
@@ -51,19 +57,42 @@ def verify(arguments: argparse.Namespace) -> str:
             procedure_of_bags(plan, text, arguments.bags, parameters, identity, bag)
             return
         with spinning(namespace, VERIFIER) as spinner:
-            procedure_on_line(spinner, plan, text, identity, bag, Terminal())
+            _procedure_at_terminal(spinner, plan, text, identity, bag)
 
     verdict = report_on(make, folder, arguments.audit)
     if not arguments.bags and arguments.audit is not None:
-        with node_that_verifies(namespace) as node:
+        with technician(namespace) as node:
             return verdict + note_result(node, folder, plan, verdict)
     return verdict
+
+
+def _procedure_at_terminal(
+    spinner: Spinner, plan: Plan, text: str, identity: Identity, bag: Path
+) -> None:
+    """Guide an operator at this terminal through a procedure, which another thread runs.
+
+    Raises `UserError` as `procedure_on_line` does, or if the standard input ends. The bag then
+    contains the steps so far.
+    """
+    said: queue.SimpleQueue[VerificationProgress | None] = queue.SimpleQueue()  # None at the end
+    operator = Operator(VerificationProgress(0, ProgressState.MAKING), said.put)
+    steps = StepsAtTerminal(operator.answer)
+    with ThreadPoolExecutor(1) as pool:
+        made = pool.submit(procedure_on_line, spinner, plan, text, identity, bag, operator)
+        made.add_done_callback(lambda _: said.put(None))
+        try:
+            while (progress := said.get()) is not None:
+                steps.follow(progress)
+        except BaseException:
+            operator.break_off()
+            raise
+    made.result()
 
 
 def note_result(node: Node, folder: Path, plan: Plan, verdict: str) -> str:
     """Write the result of a verification to the audit log of the line.
 
-    Returns the reason why the result could not be written, or an empty text.
+    Returns the reason why the result could not be written, or an empty string.
     """
     files = [folder / f'report.{ending}' for ending in ('html', 'json')]
     value = {

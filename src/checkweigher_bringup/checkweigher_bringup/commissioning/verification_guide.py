@@ -1,11 +1,8 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Verification procedure on a running line, step by step, with an operator.
+"""Verification procedure on a running line, step by step, with an operator."""
 
-The operator works at the terminal, or at the page (see `verifier`).
-"""
-
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 import math
@@ -13,7 +10,6 @@ from pathlib import Path
 import queue
 import threading
 import time
-from typing import Protocol
 
 from rclpy.exceptions import InvalidHandle
 from rclpy.parameter_client import AsyncParameterClient
@@ -21,10 +17,11 @@ from rclpy.serialization import serialize_message
 from std_srvs.srv import Trigger
 
 from checkweigher_bringup.commissioning.identity import Identity, NodeValues
+from checkweigher_bringup.commissioning.lane_client import answer_of, call
 from checkweigher_bringup.commissioning.sample_feed import SampleFeed
-from checkweigher_bringup.commissioning.service_call import answer_of, call
-from checkweigher_bringup.commissioning.static_guide import ask, read_at_rest, show
+from checkweigher_bringup.commissioning.static_guide import read_at_rest
 from checkweigher_bringup.commissioning.verification_bags import end_of_block
+from checkweigher_bringup.commissioning.verification_operator import BrokenOffError, Operator
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.recorder import RecorderNode
 from checkweigher_core.records import (
@@ -60,69 +57,8 @@ _ANSWER_PATIENCE, _LAST_PATIENCE = 20.0, 2.0
 _SILENCE = 10.0  # time in s without a product after which a message is shown to the operator
 _POLL_PERIOD = 0.1  # s
 _TRAIL = 0.5  # duration in s of the samples that are recorded after the last step
-_UNFINISHED = 'the verification was complete; the bag contains the steps so far'
 # Beginnings of the names of parameters that each ROS node has, and that do not affect the weighing.
 _NOT_OURS = ('use_sim_time', 'qos_overrides', 'start_type_description_service')
-
-
-class BrokenOffError(Exception):
-    """Raised if the operator cancels the procedure."""
-
-
-class Operator(Protocol):
-    """Interface to the person who does the steps.
-
-    Each method may raise `BrokenOffError` to end the procedure.
-    """
-
-    def begin(self, steps: Sequence[Step]) -> None:
-        """Announce the steps of the procedure, before the first of them."""
-
-    def asked(self, number: int, step: Step) -> str:
-        """Ask the operator to do a step. Return the reason for skipping the step, or ''."""
-
-    def goes_on(self, number: int, found: str, *, passed: bool) -> bool:
-        """Show the result of a step. Return False if the step must be repeated, otherwise True."""
-
-    def tell(self, text: str) -> None:
-        """Show a text on an event, such as a pass of a product."""
-
-    def show(self, text: str) -> None:
-        """Show the state of the measurement, which changes several times a second."""
-
-
-class Terminal:
-    """Interface to an operator at the terminal. Raises `UserError` if the standard input ends."""
-
-    def __init__(self) -> None:
-        self._steps: Sequence[Step] = ()
-
-    def begin(self, steps: Sequence[Step]) -> None:
-        """Store the steps of the procedure, whose number and names are printed later."""
-        self._steps = steps
-
-    def asked(self, number: int, step: Step) -> str:
-        """Ask the operator to do a step. Return the reason for skipping the step, or ''."""
-        show('')
-        title = f'{number + 1}/{len(self._steps)} {step.name}'
-        return ask(f'{title}: {step.to_do} (or type why it is skipped)', _UNFINISHED)
-
-    def goes_on(self, number: int, found: str, *, passed: bool) -> bool:
-        """Print the result of a step, and return False if the step must be repeated.
-
-        Only if the step failed, ask whether it must be repeated. Otherwise, return True.
-        """
-        self.tell(f'{self._steps[number].name}, {found}')
-        return passed or ask('Type r to repeat the step, or nothing to go on', _UNFINISHED) != 'r'
-
-    def tell(self, text: str) -> None:
-        """Print the text of an event."""
-        show('')
-        print(text, flush=True)
-
-    def show(self, text: str) -> None:
-        """Show the state of the measurement in the last line of the terminal."""
-        show(text)
 
 
 def procedure_on_line(
@@ -303,7 +239,7 @@ class _Guide:
         if step.kind == StepKind.ZEROING:
             self._operator.show('the zero is being set')
             answer = call(self._node, Trigger, ports.ZERO, _ANSWER_PATIENCE)
-            self._operator.tell(f'zero: {answer}')
+            self._operator.tell(f'zero: {answer.message}')
         found = read_at_rest(feed, self._cell, self._steadiness, self._operator.show)
         assert feed.latest is not None
         end = end_of_block(feed.latest, self._cell)
@@ -371,8 +307,9 @@ def _line(result: Result) -> str:
 def _parameters(node: VerificationNode, patience: float) -> NodeValues:
     """Return the parameters of the nodes of the line, by node and name.
 
-    Waits for each answer for at most `patience` s. Nodes that do not run are left out. Raises
-    `UserError` if a stage of the line does not answer.
+    Waits for each answer for at most `patience` s. Nodes that do not run are left out; a node that
+    is not a stage must be discovered within 1 s. Raises `UserError` if a stage of the line does not
+    answer.
     """
     found: NodeValues = {}
     for name in ports.NODES:

@@ -1,18 +1,15 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Node that guides an operator at the page through a verification.
+"""Node that guides an operator at the page or at the terminal through a verification.
 
-The procedure is the same as at the terminal. The procedure runs in a thread of its own, because it
-waits for the answers of the operator.
+The procedure runs in a thread of its own, because it waits for the answers of the operator.
 """
 
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-import queue
 import threading
 from typing import Any, ClassVar
 
@@ -24,7 +21,8 @@ from std_srvs.srv import Trigger
 from checkweigher_bringup.commissioning.identity import Identity
 from checkweigher_bringup.commissioning.machine_folder import own_folder
 from checkweigher_bringup.commissioning.verification import note_result, report_on
-from checkweigher_bringup.commissioning.verification_guide import BrokenOffError, procedure_on_line
+from checkweigher_bringup.commissioning.verification_guide import procedure_on_line
+from checkweigher_bringup.commissioning.verification_operator import Operator
 from checkweigher_bringup.errors import UserError
 from checkweigher_core.parameters import ParameterError, Parameters, parameter
 from checkweigher_core.printable import one_line
@@ -35,16 +33,8 @@ from checkweigher_core.ros.running import run
 from checkweigher_core.ros.stage_node import StageNode
 from checkweigher_core.whole_file import write_whole
 from checkweigher_validation.verification.plan import VERIFICATIONS, Plan, read_plan
-from checkweigher_validation.verification.steps import Step
 
-# Answers that are allowed in each state.
-_ANSWERS = {
-    ProgressState.ASKING: (StepAnswer.MAKE, StepAnswer.SKIP),
-    ProgressState.DECIDING: (StepAnswer.MAKE, StepAnswer.GO_ON),
-}
-_POLL_PERIOD = 0.1  # s
 _END_PATIENCE = 20.0  # maximum time in s to complete the bag and the report when the node ends
-_LINES = 100  # maximum number of lines on the current step that are published
 _LONGEST = 200  # maximum number of characters of a reason
 
 
@@ -60,127 +50,6 @@ class VerifierParameters(Parameters):
     )
 
 
-class RemoteOperator:
-    """Operator at the page, who sees the published progress and answers by a service.
-
-    `progress` is the initial progress. `publish` is called with the new progress after each change.
-    After `break_off`, `tell`, `show` and each method that waits for an answer raise
-    `BrokenOffError`.
-    """
-
-    def __init__(
-        self, progress: VerificationProgress, publish: Callable[[VerificationProgress], object]
-    ) -> None:
-        self._progress = progress
-        self._publish = publish
-        self._answers: queue.Queue[tuple[StepAnswer, str]] = queue.Queue()
-        self._lock = threading.Lock()  # guards `_progress`
-        self._broken_off = threading.Event()
-
-    # Methods for the thread of the procedure
-
-    def begin(self, steps: Sequence[Step]) -> None:
-        """Publish the steps of the procedure."""
-        self._change(steps=tuple(step.name for step in steps), results=('',) * len(steps))
-
-    def asked(self, number: int, step: Step) -> str:
-        """Ask the operator to do a step. Return the reason for skipping the step, or ''."""
-        known = self._progress
-        # Keep the lines of a failed attempt, because they explain why the step is asked for again.
-        lines = known.lines if known.step == number and not known.results[number] else ()
-        answer, reason = self._ask(ProgressState.ASKING, step=number, text=step.to_do, lines=lines)
-        if answer is StepAnswer.SKIP:
-            self._set_result(number, f'skipped: {reason}')
-            return reason
-        self._change(state=ProgressState.MAKING, text='', lines=())
-        return ''
-
-    def goes_on(self, number: int, found: str, *, passed: bool) -> bool:
-        """Publish the result of a step. If the step failed, ask whether it must be repeated.
-
-        Returns False if the step must be repeated, otherwise True.
-        """
-        self._set_result(number, found)
-        if passed:
-            return True
-        answer, _ = self._ask(ProgressState.DECIDING, text=found)
-        if answer is StepAnswer.MAKE:
-            self._set_result(number, '', lines=())
-        return answer is StepAnswer.GO_ON
-
-    def tell(self, text: str) -> None:
-        """Publish the text of an event in the present step."""
-        self._check_continues()
-        self._change(lines=(*self._progress.lines, one_line(text))[-_LINES:])
-
-    def show(self, text: str) -> None:
-        """Publish the state of the measurement."""
-        self._check_continues()
-        if text != self._progress.text:
-            self._change(text=text)
-
-    def finish(self) -> None:
-        """Publish that the steps have ended, and that the report is being written."""
-        self._change(state=ProgressState.MAKING, text='the report is being written')
-
-    def end(self, text: str) -> None:
-        """Publish the end of the procedure, with its verdict or its error as `text`."""
-        self._change(state=ProgressState.IDLE, text=one_line(text))
-
-    def _ask(self, state: ProgressState, **values: Any) -> tuple[StepAnswer, str]:
-        self._change(state=state, question=self._progress.question + 1, **values)
-        while True:
-            self._check_continues()
-            with suppress(queue.Empty):
-                return self._answers.get(timeout=_POLL_PERIOD)
-
-    def _check_continues(self) -> None:
-        if self._broken_off.is_set():
-            raise BrokenOffError
-
-    def _set_result(self, number: int, text: str, **values: Any) -> None:
-        known = self._progress.results
-        self._change(results=(*known[:number], one_line(text), *known[number + 1 :]), **values)
-
-    def _change(self, **values: Any) -> None:
-        with self._lock:
-            self._progress = replace(self._progress, **values)
-            self._publish(self._progress)
-
-    # Methods for other threads
-
-    @property
-    def ended(self) -> bool:
-        """True if the procedure has ended."""
-        return self._progress.state is ProgressState.IDLE
-
-    def answer(self, question: int, answer: StepAnswer, reason: str) -> None:
-        """Accept the answer to a question.
-
-        Raises `UserError` if the question is no longer open, if the answer is not allowed, or if
-        the reason for skipping a step is missing.
-        """
-        with self._lock:
-            now = self._progress
-            if question != now.question or now.state not in _ANSWERS:
-                raise UserError('this question is no longer open; answer the present question')
-            if answer not in _ANSWERS[now.state]:
-                raise UserError('this answer does not fit; repeat the failed step, or continue')
-            if answer is StepAnswer.SKIP and not reason:
-                raise UserError('say why the step is skipped; the report contains the reason')
-            # Change the state, so that further answers to this question are refused.
-            self._progress = replace(now, state=ProgressState.MAKING)
-        self._answers.put((answer, reason))
-
-    def break_off(self) -> None:
-        """Request the end of the procedure. The report contains the steps so far.
-
-        The thread of the procedure ends the steps when it next asks the operator or publishes a
-        text.
-        """
-        self._broken_off.set()
-
-
 class VerifierNode(StageNode[VerifierParameters]):
     """Node that guides an operator through verifications, one at a time."""
 
@@ -189,7 +58,7 @@ class VerifierNode(StageNode[VerifierParameters]):
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
         super().__init__(VerifierParameters, read_only=True, overrides=overrides)
         self._folder = own_folder(self, self.parameters.folder)
-        self._operator: RemoteOperator | None = None
+        self._operator: Operator | None = None
         port = ports.VERIFICATION_PROGRESS
         # A plain publisher is used, because an `Output` would need the lock of the process. The
         # thread of the procedure must not wait for that lock, because a thread that holds it may be
@@ -218,7 +87,7 @@ class VerifierNode(StageNode[VerifierParameters]):
     # Actions and services
 
     @property
-    def _busy(self) -> RemoteOperator | None:
+    def _busy(self) -> Operator | None:
         """Operator of the current verification, or None if no verification is running."""
         return None if self._operator is None or self._operator.ended else self._operator
 
@@ -245,7 +114,7 @@ class VerifierNode(StageNode[VerifierParameters]):
         progress = VerificationProgress(
             0, ProgressState.MAKING, folder=str(self._folder), name=name, text='begins'
         )
-        self._operator = RemoteOperator(progress, publish)
+        self._operator = Operator(progress, publish)
         publish(progress)
         ended = Future()
         # Without this call, a result that another thread sets would not wake the executor.
@@ -286,9 +155,7 @@ class VerifierNode(StageNode[VerifierParameters]):
 
     # The procedure
 
-    def _make(
-        self, plan: Plan, text: str, name: str, operator: RemoteOperator, ended: Future
-    ) -> None:
+    def _make(self, plan: Plan, text: str, name: str, operator: Operator, ended: Future) -> None:
         folder = self._folder / VERIFICATIONS / name
         audit = Path(self.parameters.audit_log) if self.parameters.audit_log else None
         assert self.spinner is not None

@@ -8,6 +8,7 @@ import hashlib
 import math
 import os
 from pathlib import Path
+import re
 from typing import Any
 
 from calibration_dialogue import Dialogue
@@ -246,3 +247,29 @@ def test_the_command_guides_through_the_speeds(tmp_path: Path):
     assert 'version 1 written' in printed
     assert LineParameters.from_file(output).identifier.estimator == 'tvlpf'
     assert not output.with_name('machine.new.yaml').exists()
+
+
+def test_the_command_lets_the_line_record_and_train(tmp_path: Path):
+    file = tmp_path / 'machine.yaml'
+    setting = {'folder': str(tmp_path), 'estimator': 'tvlpf', 'budget': 8}
+    with spinning('guided') as spinner:
+        spinner.add(DynamicSettingNode(setting))
+        dialogue = Dialogue(
+            '--dynamic', '--reference', 1e3 * MASS, '--passes', 4, '--speeds', 90,
+            '--namespace', 'guided',
+        )  # fmt: skip
+        assert 'Set the belt to 90 m/min' in dialogue.asked()
+        with line(spinner, 1.0):
+            dialogue.answer()
+            assert 'Set the belt to 90 m/min' in dialogue.asked()  # it was not the one asked for
+        with line(spinner, 1.5):
+            dialogue.answer()
+            assert 'accept these parameters' in dialogue.asked()
+            assert not file.exists()
+            dialogue.answer('yes')
+            status, printed, errors = dialogue.end()
+    assert status == 0, errors
+    assert re.search(r'the belt ran at (59|60)[.]\d+ m/min, not at 90 m/min', printed)
+    assert 'pass 4 of 4' in printed
+    assert f'{file}, version 1' in printed
+    assert LineParameters.from_file(file).identifier.estimator == 'tvlpf'

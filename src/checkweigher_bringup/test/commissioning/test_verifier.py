@@ -150,6 +150,34 @@ def test_a_procedure_that_is_broken_off_has_a_report_of_what_was_made(tmp_path: 
     assert 'Parameters and audit log were not read again after the last step.' in departures
 
 
+def test_the_command_and_the_page_answer_the_same_questions(tmp_path: Path):
+    plan = tmp_path / 'plan.yaml'
+    plan.write_text(SHORT_PLAN)
+    with guided(tmp_path / 'machine') as (_, operator):
+        dialogue = Dialogue(plan, '--namespace', LANE, command='verify')
+        try:
+            assert '1/9 warm_up_zero_0' in dialogue.asked()
+            operator.asked_for('warm_up_zero_0')
+            dialogue.answer()
+            assert '2/9 warm_up_0' in dialogue.asked()
+            operator.asked_for('warm_up_0')
+            assert not operator.answer(SKIP, 'no product')  # as another person at the page
+            dialogue.answer()
+            assert '3/9 warm_up_zero_0.02' in dialogue.asked()
+            made = Path(operator.said.folder) / 'verifications' / operator.said.name
+            dialogue.process.send_signal(signal.SIGINT)
+            status, printed, errors = dialogue.end()
+        finally:
+            dialogue.process.kill()
+        assert status == 130, errors
+        assert 'warm_up_zero_0, passed' in printed
+        assert 'this question is no longer open' in printed
+        assert 'warm_up_0, skipped: no product' in printed
+    steps = check_same(made, tmp_path / 'again')['steps']
+    assert isinstance(steps, list)
+    assert [step['verdict'] for step in steps] == ['passed', 'skipped']
+
+
 def test_a_bag_that_cannot_be_written_ends_the_procedure_after_the_step(tmp_path: Path):
     with guided(tmp_path / 'machine') as (verifier, operator):
         begun = operator.begin()

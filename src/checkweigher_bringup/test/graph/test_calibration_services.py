@@ -6,6 +6,7 @@ from pathlib import Path
 import queue
 from typing import Any
 
+from calibration_dialogue import Dialogue
 from checkweigher_msgs.action import ReadLoad
 from checkweigher_msgs.srv import CalibrateSpan, FinishCalibration
 from full_disk import file_size_limit
@@ -125,6 +126,47 @@ def test_a_line_is_calibrated_and_weighs_by_it_from_then_on(spinner: Spinner, tm
         assert again.version == 2
         assert again.counts_per_kg == done.counts_per_kg
         assert again.zero_counts == pytest.approx(ZERO + 5000, abs=10)
+    finally:
+        device.end()
+
+
+def test_the_command_lets_the_driver_write_its_file(spinner: Spinner, tmp_path: Path):
+    port, path = tmp_path / 'port', tmp_path / 'cell.yaml'
+    device = SerialDevice(port, '--signal', 'slow')
+    try:
+        spinner.add(
+            DriverNode({
+                'source': 'aed', 'aed.port': str(port), 'aed.counts_per_kg': TAKEN_FOR,
+                'aed.capacity': 7.2, 'aed.weigh_length': 0.2, 'calibration.file': str(path),
+                'calibration.duration': 0.5, 'calibration.patience': 5.0,
+            })
+        )  # fmt: skip
+        technician = Technician(spinner)
+        # A reading of another calibration, which was not finished, is no part of this one.
+        technician.put_on(device, round(0.5 * SENSITIVITY))
+        assert technician.read(0.7).success
+        dialogue = Dialogue('--masses', 200, 1000, '--namespace', LANE)
+        for mass, request in (
+            (0.0, 'Empty'),
+            (0.2, 'Put 200 g'),
+            (1.0, 'Put 1000'),
+            (0.0, 'Empty'),
+        ):
+            assert request in dialogue.asked()
+            technician.put_on(device, round(mass * SENSITIVITY))
+            dialogue.answer()
+        status, printed, errors = dialogue.end()
+        assert status == 0, errors
+        assert f'version 1 of {path}' in printed
+        found = yaml.safe_load(path.read_text())['/**/driver']['ros__parameters']['aed']
+        assert found['counts_per_kg'] == pytest.approx(SENSITIVITY, rel=2e-5)
+
+        # Nothing is written if the technician gives up, and no reading is kept.
+        dialogue = Dialogue('--zero', '--namespace', LANE)
+        dialogue.asked()
+        dialogue.process.stdin.close()
+        assert dialogue.process.wait(PATIENCE) == 2
+        assert 'no load was read' in technician.finish().message
     finally:
         device.end()
 

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Verify a machine by the steps of a plan, and write the report.
 
+checkweigher verify plan.yaml
 checkweigher verify plan.yaml --output /tmp/verification
 checkweigher verify --from 2026-05-28/bag 2026-06-28/bag --output again
 """
@@ -30,7 +31,12 @@ OPTIONS = (
         ('--steps', bool, 'print the steps of the plan'),
         ('--example', bool, 'print an example of a plan with comments'),
     ),
-    ('--output DIR', Path, 'new folder for the reports, the bag and the parameters'),
+    (
+        '--output DIR',
+        Path,
+        'new folder for the reports, the bag and the parameters; default on a running line: a '
+        'folder of the line, whose node verifier then runs the procedure',
+    ),
     PARAMS,
     (
         '--log,--audit LOG',
@@ -58,7 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.steps:
         return _show_steps(arguments.plan)
     if arguments.output is None:
-        raise UserError('--output: must be given')
+        return _verify_by_line(arguments)
     from checkweigher_bringup.commissioning import verification
     from checkweigher_recording.archive.finding import find_bags, result_names
 
@@ -69,6 +75,21 @@ def run(arguments: argparse.Namespace) -> int:
         (arguments.procedure,) = bags
     verdict = verification.verify(arguments)
     print(f'{arguments.output}: {verdict}; {arguments.output / "report.html"} has all readings')
+    return 0 if verdict == 'passed' else 1
+
+
+def _verify_by_line(arguments: argparse.Namespace) -> int:
+    """Let the node `verifier` of a line run the procedure, and return the exit status."""
+    from checkweigher_bringup.commissioning.line_guide import verify_line
+    from checkweigher_bringup.commissioning.verification import plan_of
+    from checkweigher_bringup.settings import check_namespace
+
+    for option in ('bags', 'procedure', 'params', 'audit'):
+        if getattr(arguments, option):
+            raise UserError('--output: must be given with --bags, --from, --params or --log')
+    _, text = plan_of(arguments.plan)
+    verdict, folder = verify_line(check_namespace(arguments.namespace), text)
+    print(f'{folder}: {verdict}; {folder}/report.html has all readings')
     return 0 if verdict == 'passed' else 1
 
 

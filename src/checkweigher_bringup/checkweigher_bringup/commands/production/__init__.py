@@ -23,8 +23,8 @@ def write_claim(log: Path, lane: str, kind: str, subject: str, value: Any, who: 
             now = utc(time.time_ns())
             opened.append(now, 'checkweigher', kind, subject, None, value, f'{CLAIMED}{who}')
     except LogInUseError:
-        from checkweigher_bringup.commissioning.service_call import node_that_verifies, write_to_log
+        from checkweigher_bringup.commissioning.lane_client import technician, write_to_log
         from checkweigher_bringup.settings import check_namespace
 
-        with node_that_verifies(check_namespace(lane)) as node:
+        with technician(check_namespace(lane)) as node:
             write_to_log(node, kind, subject, value, who)

@@ -207,7 +207,7 @@ def test_what_cannot_be_verified_is_one_line(plan: Path, tmp_path: Path):
     (recorded,) = record_steps(tmp_path / 'steps', PLAN, ('zero_1',))
     for words, message in (
         (('verify', '--output', 'x'), 'either PLAN or --from BAG'),
-        (('verify', plan), '--output: must be given'),
+        (('verify', plan, '--params', plan), '--output: must be given'),
         (('verify', '--from', recorded, '--output', tmp_path / 'x'), 'contains no verification'),
         (('verify', '--from', tmp_path, '--output', tmp_path / 'x'), 'contains no verification'),
         (('verify', tmp_path / 'none.yaml', '--output', tmp_path / 'x'), 'No such file'),

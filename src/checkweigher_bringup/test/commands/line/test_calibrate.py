@@ -17,6 +17,7 @@ import yaml
 
 from checkweigher_bringup.cli import build_parser
 from checkweigher_bringup.commands.line import calibrate as calibrate_command
+from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.settings import line_parameters
 from checkweigher_core.records import LoadCell, SampleBlock
 from checkweigher_core.ros import ports
@@ -152,6 +153,12 @@ def test_an_installed_package_is_no_place_for_a_calibration(tmp_path: Path):
     for path in (installed, link / 'cell.yaml'):
         with pytest.raises(CalibrationError, match='lies in the installed packages'):
             check_calibration_file(path)
+
+
+def test_settings_of_a_line_are_not_those_of_a_command_without_a_file():
+    arguments = build_parser().parse_args(['calibrate', '--zero', '--duration', '0'])
+    with pytest.raises(UserError, match=r'--output: must name .* with --duration'):
+        calibrate_command.run(arguments)
 
 
 @pytest.mark.parametrize(

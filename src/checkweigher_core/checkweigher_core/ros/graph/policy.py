@@ -16,6 +16,7 @@ from checkweigher_core.ros.services import (
     OF_MACHINE,
     PAGE_WORK,
     REPORTER,
+    TECHNICIAN,
     VERIFIER,
     VERIFY,
 )
@@ -124,9 +125,10 @@ def _full(lane: str, names: Iterable[str]) -> frozenset[str]:
 def enclaves(lanes: Iterable[str]) -> dict[str, list[tuple[str, str]]]:
     """Return the enclaves of some lanes, each with the namespaces and names of its nodes.
 
-    Each node of a lane has an enclave, except that `verify` uses the enclave of the verifier. A
+    Each node of a lane has an enclave, except that `verify` runs in the process of the verifier. A
     process with all nodes of a lane has another enclave. Each lane also has an enclave for the
-    commands that only subscribe, and one for the command `run`. The commands `status` and `run
+    commands that only subscribe, one for the commands that call services and actions, and one for
+    the command `run`. The commands `status` and `run
     --line` belong to no lane, so their enclaves also exist without a lane. The page and each
     gateway serve all lanes from one process, with one enclave each.
     """
@@ -139,6 +141,7 @@ def enclaves(lanes: Iterable[str]) -> dict[str, list[tuple[str, str]]]:
         found[f'{space}/{VERIFIER}'].append((lane, VERIFY))  # runs in the same process
         found[f'{space}/{LINE}'] = [(lane, node) for node in NODES]
         found[f'{space}/{OBSERVER}'] = [(lane, node) for node in OBSERVERS]
+        found[f'{space}/{TECHNICIAN}'] = [(lane, TECHNICIAN)]
         found[f'{space}/{RUN}'] = [(lane, RUN)]
     found.setdefault(f'/{OBSERVER}', [('', node) for node in OBSERVERS])
     found.setdefault(f'/{RUN}', [('', RUN)])

@@ -66,6 +66,14 @@ def test_who_verifies_reads_zeroes_and_records_and_no_more():
     its = rights('verify', 'lane1')
     assert its.publish == {'/rosout', '/parameter_events', '/lane1/verification'}
     services = {name for name in its.request if name.count('/') == 2}
-    assert services == {'/lane1/zero', '/lane1/record_change'}
+    assert services == {'/lane1/zero'}
     assert enclaves(['lane1'])['/lane1/verifier'] == [('lane1', 'verifier'), ('lane1', 'verify')]
     assert '/lane1/begin_verification' in rights('verifier', 'lane1').reply
+
+
+def test_a_technician_at_the_terminal_may_what_the_commands_do():
+    its = rights('technician', 'lane1')
+    assert {'/lane1/read_load/_action/send_goal', '/lane1/record_change'} < its.request
+    assert '/lane1/run_verification/_action/feedback' in its.subscribe
+    assert '/lane1/reset_stop_request' not in its.request
+    assert enclaves(['lane1'])['/lane1/technician'] == [('lane1', 'technician')]
