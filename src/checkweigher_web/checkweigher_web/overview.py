@@ -12,7 +12,7 @@ from nicegui import ui
 from checkweigher_core.health.findings import Level
 from checkweigher_core.ros.status_board import LaneRow, by_lane
 from checkweigher_web.drawing import Made
-from checkweigher_web.elements import STYLE, Cell, Table, level_cell, panel, told
+from checkweigher_web.elements import STYLE, Cell, Table, Told, level_cell, panel, told
 from checkweigher_web.lane import Lane
 from checkweigher_web.languages.language import ENGLISH, Language, Text
 from checkweigher_web.languages.wording import from_node
@@ -89,12 +89,17 @@ def _view(row: LaneRow, lane: Lane | None, hosts: dict[str, set[str]], say: Lang
     product, throughput = ('', math.nan) if known is None else (known.product, known.throughput)
     host = ', '.join(sorted(hosts.get(name, ())))
     link = name or say('(no namespace)'), f'/lane/{name}'
-    worst = Text('all is well') if not row.worst else from_node(row.worst.replace('; ', ' → ', 1))
     texts = (each or '–' for each in (host, product, say.number(throughput, 1)))
     counts = map(str, row.counts)
-    level, worst_cell = level_cell(row.level, say), told(worst, say)
-    cells: tuple[Cell, ...] = (level, link, *texts, *counts, worst_cell)
+    cells: tuple[Cell, ...] = (level_cell(row.level, say), link, *texts, *counts, _worst(row, say))
     return LaneView(name, row.level, cells)
+
+
+def _worst(row: LaneRow, say: Language) -> Told:
+    """Return the worst finding of a lane as a cell. Node and aspect are not translated."""
+    *place, message = row.worst.split(': ', 1)
+    cell = told(from_node(message) if row.worst else Text('all is well'), say)
+    return cell._replace(text=': '.join((*place, cell.text)))
 
 
 def show_overview(lanes: Overview, say: Language) -> None:

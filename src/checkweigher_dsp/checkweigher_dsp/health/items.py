@@ -304,8 +304,9 @@ class RejectorWatch:
             )
         ]
         if request is not None:
-            place = f' at item {request.item_id}' if request.item_id else ''
+            place = f'{request.reason} at item {request.item_id}'
+            why = place if request.item_id else request.reason
             hint = f'{request.hint}; then reset the stop'
-            concerns.append(error_if(True, f'stop requested: {request.reason}{place}', hint))
+            concerns.append(error_if(True, f'stop requested: {why}', hint))
         well = 'rejects are confirmed' if confirmed else 'no eye confirms rejects'
         return conclude('Rejector', well, concerns, values)

@@ -29,11 +29,17 @@ class Mass(float):
     """Mass in kg as a value of a `Text`. An infinite value means no limit."""
 
 
+class Number(str):
+    """Decimal number with a point, as a value of a `Text`."""
+
+    __slots__ = ()
+
+
 class Text(str):
     """English text that `Language` can translate later, with values for its placeholders.
 
     The string itself is English, with masses in g, because the audit log needs such a text. A value
-    may be another `Text`, a `Mass`, an integer, or a name, which is not translated.
+    may be another `Text`, a `Mass`, a `Number`, an integer, or a name, which is not translated.
     """
 
     __slots__ = ('template', 'values')
@@ -91,6 +97,8 @@ class Language:
     def _value(self, value: object) -> object:
         if isinstance(value, Mass):
             return self.short(value)
+        if isinstance(value, Number):
+            return value.replace('.', self.point)
         return self(value) if isinstance(value, Text) else value
 
     def knows(self, text: str) -> bool:

@@ -2,12 +2,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Translations of the messages of nodes, and instructions that replace messages."""
 
+from collections.abc import Iterable
+import math
 import re
 
 from checkweigher_core.records import GRAMS
-from checkweigher_web.languages.language import Mass, Text
+from checkweigher_web.languages.findings import HINTS, REASONS, TEXTS
+from checkweigher_web.languages.language import Mass, Number, Text
 
 _MASS = re.compile(r'(-?\d+(?:\.\d+)?) kg\b')
+_NUMBER = re.compile(r'[-+]?\d+\.\d+')
 # Instructions for a technician, each by a regular expression that matches a part of the message
 # that it replaces.
 _TEXTS = {
@@ -52,7 +56,7 @@ _TEXTS = {
 }
 
 
-# Messages of nodes that can be translated. Masses in these messages are in kg.
+# Messages of nodes that can be translated, besides their findings.
 _MESSAGES = (
     Text('zeroed at {mass} from the zero of calibration'),
     Text('{count} alarms acknowledged'),
@@ -64,6 +68,7 @@ _MESSAGES = (
     Text('no diagnostics have come; see whether its nodes run'),
     Text('it was started again while the line ran; look into its log'),
     Text('it ended without being stopped: it was killed, it hung, or power was lost'),
+    Text('{word} ({mass})'),  # name and mass of a load
     Text('Leave the belt empty'),
     Text('Leave the belt empty while the line is zeroed'),
     Text('Take off all loads and leave the belt empty'),
@@ -82,13 +87,60 @@ _MESSAGES = (
 )
 
 
+_REASON_HINT = '|'.join(re.escape(each) for each in REASONS)
+# Regular expressions for the values of placeholders, by the last word of their names. Other values
+# may be any text.
+_VALUES = {
+    'mass': r'[-+]?\d+(?:\.\d+)? k?g|none',
+    'count': r'\d+',
+    'word': r'\S+',
+    'topic': r'/\S+',
+    'hint': _REASON_HINT,
+    'advice': f'(?:{_REASON_HINT})(?:: .+)?',
+}
+
+
+class _Table:
+    """Texts that can be translated, by their patterns."""
+
+    def __init__(self, texts: Iterable[Text]) -> None:
+        # The texts with the most letters are first, because a message may match several of them.
+        by_letters = sorted(texts, key=lambda each: -len(re.sub(r'{\w+}', '', each.template)))
+        self._patterns = {each: _pattern(each) for each in by_letters if '{' in each.template}
+        self._others: dict[str, Text] = {
+            each: each for each in by_letters if each not in self._patterns
+        }
+
+    def find(self, message: str) -> Text | None:
+        """Return the `Text` of a message, or None if the message matches no pattern."""
+        if message in self._others:
+            return self._others[message]
+        for words, pattern in self._patterns.items():
+            if found := pattern.fullmatch(message):
+                values = {name: _value(name, value) for name, value in found.groupdict().items()}
+                return Text(words.template, **values)
+        return None
+
+
 def _pattern(text: Text) -> re.Pattern[str]:
-    """Return the regular expression of a message, with a group for each placeholder."""
-    groups = re.sub(r'\\{(\w+)\\}', r'(?P<\1>.+?)', re.escape(text.template))
-    return re.compile(groups.replace('<mass>.+?)', r'<mass>-?[\d.]+) kg'))
+    """Return the regular expression of a text, with a group for each placeholder."""
+
+    def group(found: re.Match[str]) -> str:
+        kind = found[1].rpartition('_')[2]
+        return f'(?P<{found[1]}>{_VALUES.get(kind, ".+?")})'
+
+    return re.compile(re.sub(r'\\{(\w+)\\}', group, re.escape(text.template)))
 
 
-_PATTERNS = {text: _pattern(text) for text in _MESSAGES}
+def _value(name: str, text: str) -> str | Mass:
+    """Return the value of a placeholder for a `Text`."""
+    if name.endswith('mass'):
+        number, _, unit = text.partition(' ')
+        return Mass(float(number) / (GRAMS if unit == 'g' else 1) if unit else math.inf)
+    return Number(text) if _NUMBER.fullmatch(text) else from_node(text)
+
+
+_KNOWN_TEXTS, _KNOWN_HINTS = _Table((*_MESSAGES, *TEXTS)), _Table(HINTS)
 
 
 def in_grams(text: str) -> str:
@@ -108,9 +160,16 @@ def in_words(text: str) -> str:
 
 
 def from_node(text: str) -> str:
-    """Return a message of a node as a `Text` if it can be translated, otherwise unchanged."""
-    for words, pattern in _PATTERNS.items():
-        if not isinstance(text, Text) and (found := pattern.fullmatch(text)):
-            values = {k: Mass(v) if k == 'mass' else v for k, v in found.groupdict().items()}
-            return Text(words.template, **values)
-    return text
+    """Return a message of a node as a `Text` if it can be translated, otherwise unchanged.
+
+    The message may be a text, a hint, or a text and a hint. If only the hint can be translated, the
+    text stays as it is.
+    """
+    if isinstance(text, Text):
+        return text
+    if hint := _KNOWN_HINTS.find(text):
+        return hint
+    for found in re.finditer('; ', text):  # A text or a hint may contain this, too.
+        if hint := _KNOWN_HINTS.find(text[found.end() :]):
+            return Text('{text}; {hint}', text=from_node(text[: found.start()]), hint=hint)
+    return _KNOWN_TEXTS.find(text) or text

@@ -14,9 +14,10 @@ from checkweigher_core.ros.ports import STAGES
 from checkweigher_core.ros.status_board import Row
 from checkweigher_web.charts import stacked
 from checkweigher_web.drawing import row_key
-from checkweigher_web.elements import Reading
+from checkweigher_web.elements import Reading, show_told
 from checkweigher_web.lane import ShownItem
 from checkweigher_web.languages.language import ENGLISH, Language, Text
+from checkweigher_web.languages.wording import from_node
 from checkweigher_web.languages.words import why
 from checkweigher_web.views.masses import limit_label, limits_of
 from checkweigher_web.views.view import FAST, View
@@ -48,7 +49,7 @@ class ItemView(View):
         self._reading = Reading(self.say)
         with ui.element('div').classes('stop level-ERROR').props('role=alert') as self._stop:
             self._request = ui.label('')
-            self._more = ui.label('').props('lang=en')  # English text of the node
+            self._more = ui.label('')
             if 'Reset stop' in self.look.work:
                 ui.button(self.say('Reset stop'), on_click=self.look.work['Reset stop']).props(
                     'outline'
@@ -67,7 +68,7 @@ class ItemView(View):
             '' if stop is None else f'STOP {stop.reason}: {self.say(stop.reason.hint)}'
         )
         if stop is not None:
-            self._more.set_text(stop.text)
+            show_told(self._more, from_node(stop.text), self.say)
         self._still.set_text(self.say(still))
         if still and item:
             at = self.say.clock(item.verdict.time)

@@ -9,6 +9,7 @@ from nicegui import ui
 from checkweigher_core.records import PerformanceState, PerformanceTest
 from checkweigher_core.ros import ports
 from checkweigher_web.languages.language import ENGLISH, Language, Text
+from checkweigher_web.languages.wording import from_node
 from checkweigher_web.work.dialogs import Desk, ask
 from checkweigher_web.work.services import ACTING, LaneServices, Person
 
@@ -48,7 +49,7 @@ def text_of(test: PerformanceTest | None, say: Language = ENGLISH) -> str:
         return say('Nothing is known of a performance test: no product is selected')
     text = say(_STATES[test.state])
     if test.text:
-        text += f' ({test.text})'
+        text += f' ({say(from_node(test.text))})'
     if test.errors or test.state is PerformanceState.RUNNING:
         errors = (
             say('no mass') if math.isnan(error) else say.mass(error, 2, '+')
