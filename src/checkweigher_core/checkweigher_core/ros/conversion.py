@@ -23,6 +23,8 @@ from checkweigher_core import records
 from checkweigher_core.records.reasons import StopReason
 from checkweigher_core.ros.ports import Port, interface
 
+_MOST = 10_000  # largest number of characters of a string, or of elements of a list
+
 
 @dataclass(frozen=True)
 class _Form:
@@ -47,6 +49,7 @@ class _Form:
     # Function that corrects a record by means of its message.
     amend: Callable[[Any, Any], Any] | None = None
     lacks: tuple[str, ...] = ()  # last fields of the record, which the message does not have
+    longest: int = _MOST  # largest number of characters of a string
 
 
 def _with_reason(message: Any, estimate: records.MassEstimate) -> records.MassEstimate:
@@ -66,7 +69,6 @@ def _with_text(message: Any, request: records.StopRequest) -> records.StopReques
 
 _WEIGHED = 1  # status of a MassEstimate message with a mass
 _RUN = 1  # state of a StopRequest message without a request
-_MOST = 10_000  # largest number of characters of a string, or of elements of a list
 _item = partial(_Form, stamp='t3', frame='weigh_belt')
 _FORMS: dict[type, _Form] = {
     records.LoadCell: _Form(stamp='', frame='load_cell'),
@@ -92,6 +94,9 @@ _FORMS: dict[type, _Form] = {
         absent={'state': _RUN},
         amend=_with_text,
     ),
+    # The identity of a machine contains all parameters, which are long lists after training, and
+    # all changes in the audit log.
+    records.VerificationStep: _Form(longest=1_000_000),
 }
 
 
@@ -188,7 +193,7 @@ def _plan(kind: Any) -> _Plan:
             continue
         place = names.get(name, name)
         get: _Get = attrgetter(place)
-        convert = _reader(hint, form.unknown.get(name))
+        convert = _reader(hint, form.unknown.get(name), form.longest)
         if name in newer:
             get, convert = _newer(place, convert, defaults[name])
         plan.read.append((get, convert))
@@ -222,7 +227,7 @@ def _writer(hint: Any) -> Callable[[Any], Any]:
     return next(plain for plain in (bool, int, float) if issubclass(hint, plain))
 
 
-def _reader(hint: Any, unknown: Any) -> Callable[[Any], Any]:
+def _reader(hint: Any, unknown: Any, longest: int) -> Callable[[Any], Any]:
     if hint == records.Stamp:
         return stamp_from
     if hint == records.Stamp | None:
@@ -230,12 +235,12 @@ def _reader(hint: Any, unknown: Any) -> Callable[[Any], Any]:
     if get_origin(hint) is np.ndarray:
         return partial(_shared, dtype=_dtype(hint))
     if get_origin(hint) is tuple:
-        read = _reader(get_args(hint)[0], None)
+        read = _reader(get_args(hint)[0], None, longest)
         return lambda values: tuple(map(read, _bounded(values)))
     if is_dataclass(hint):
         return partial(_record, hint)
     if hint is str:
-        return lambda text: str(_bounded(text))
+        return lambda text: str(_bounded(text, longest))
     return cast(_Get, hint) if unknown is None else partial(_member, hint, unknown)
 
 

@@ -21,9 +21,11 @@ from checkweigher_core.records import (
     Reference,
     SampleBlock,
     Stamp,
+    StepState,
     StopRequest,
     StreamState,
     Verdict,
+    VerificationStep,
     WeighWindow,
 )
 from checkweigher_core.records.reasons import StopReason
@@ -184,6 +186,11 @@ def test_a_line_that_may_run_is_no_stop_request():
     stop = to_message(ports.STOP_REQUEST, StopRequest(StopReason.NOT_READY, 0, None, 'text'))
     assert (stop.state, stop.reason) == (stop.STOP, 'NotReady')
     assert stop.hint == f'{StopReason.NOT_READY.hint}: text'
+
+
+def test_the_parameters_of_a_trained_machine_are_no_text_that_is_too_long():
+    identity = VerificationStep(1, '', StepState.IDENTITY, text='x' * 100_000)
+    assert to_record(ports.VERIFICATION, to_message(ports.VERIFICATION, identity)) == identity
 
 
 @pytest.mark.parametrize(
