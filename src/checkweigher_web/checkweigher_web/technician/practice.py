@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """View of a simulated machine, on which a technician causes faults and practises finding them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -120,17 +120,23 @@ class PracticeView(View):
             return
         self._machine.set_visibility(now is not None)
         if now is not None:
-            self._show_settings(now)
+            self._show_settings(now, now.as_mapping())
 
-    def _show_settings(self, now: OperationParameters) -> None:
+    def _show_settings(self, now: OperationParameters, names: Collection[str]) -> None:
+        """Show the settings with the given names, and keep all settings.
+
+        The other fields are not changed, because the user may have typed in them since.
+        """
         self._now = now
         for name, _, _, factor in _NUMBERS:
-            value = getattr(now, name)
-            text = self.say.entry(round((factor or self.say.per_kg) * value, 9)) if value else ''
-            self._numbers[name].set_value(text)
-        for eye in self._eyes.values():
-            eye.show(now)
-        self._feed.set_value(now.feed)
+            if name in names:
+                value = round((factor or self.say.per_kg) * getattr(now, name), 9)
+                self._numbers[name].set_value(self.say.entry(value) if value else '')
+        for name, eye in self._eyes.items():
+            if any(each.startswith(name) for each in names):
+                eye.show(now)
+        if 'feed' in names:
+            self._feed.set_value(now.feed)
         self._picture.set_content(picture(now, self.say))
 
     async def _set_number(self, name: str, factor: float) -> None:
@@ -173,7 +179,7 @@ class PracticeView(View):
         else:
             outcome = await self.look.practice.set(**new)
         if outcome.done:  # Read `_now` again, because it may have changed meanwhile.
-            self._show_settings(replace(self._now, **{**new, 'kill': False}))
+            self._show_settings(replace(self._now, **{**new, 'kill': False}), new)
         self._tell(outcome)
 
     def _tell(self, outcome: Outcome) -> None:

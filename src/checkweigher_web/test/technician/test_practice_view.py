@@ -87,6 +87,20 @@ def test_a_change_sets_what_it_changes_and_no_more():
     assert machine.settings == OperationParameters(put=4)
 
 
+def test_a_change_leaves_the_other_fields_as_they_were_typed():
+    machine = Machine(OperationParameters(speed=2.5))
+
+    async def act(view: PracticeView) -> None:
+        view._numbers['speed'].value = ''  # not sent yet
+        await view._change(mass=0.1)
+        assert view._numbers['speed'].value == ''
+        await view._set_number('speed', 60)
+
+    shown(machine, act)
+    assert machine.settings == OperationParameters(mass=0.1)
+    assert machine.changes == [{'mass': 0.1}, {'speed': 0.0}]
+
+
 def test_the_picture_says_what_was_done_to_the_line():
     now = OperationParameters(
         feed=False, load=0.005, zero=-0.02, infeed_dirty=True, outfeed_place=0.03
