@@ -32,11 +32,16 @@ from statistics import median
 import numpy as np
 
 from checkweigher_core.records import GRAMS, ZeroChange
-from checkweigher_validation.accuracy.classes import AccuracyClass, Judgement, judge
+from checkweigher_validation.accuracy.classes import (
+    AccuracyClass,
+    Judgement,
+    judge,
+    weighings_required,
+)
 from checkweigher_validation.accuracy.errors import ConditionResult, coverage
 from checkweigher_validation.verification.plan import MINUTE, Mass, Plan
 from checkweigher_validation.verification.procedure import AtRest, Attempt, Procedure, digest_of
-from checkweigher_validation.verification.steps import StepKind, steps_of
+from checkweigher_validation.verification.steps import Step, StepKind, steps_of
 
 ZERO_ACCURACY, ZERO_STABILITY = 0.25, 0.5  # limits of the zero in e
 COVERAGE = 2.0  # coverage factor k of the expanded uncertainty
@@ -47,6 +52,8 @@ _CLOSE = 1.25  # largest ratio of a load to Min, or of Max to a load, that count
 _THIRD = (0.25, 0.5)  # smallest and largest load that counts as a third of Max, relative to Max
 _REFERENCE_SHARE = 1 / 3  # largest expanded uncertainty of a reference mass, relative to the limit
 _SAME_SPEED = 0.05  # largest relative deviation from the planned belt speed
+# Kinds of steps for which OIML R 51-1 requires a number of weighings.
+_COUNTED = StepKind.PASSES, StepKind.ECCENTRICITY, StepKind.REPEATABILITY
 _LATE = 1.0  # largest deviation from a planned warm-up time in min
 _CALIBRATED = AtRest(0.0, 0.0, 0.0, 0)  # zero at calibration
 
@@ -280,6 +287,13 @@ def _shortcomings_outside(condition: ConditionResult, planned: int) -> Iterator[
 def _gaps(plan: Plan, results: Sequence[Result], missing: Sequence[str]) -> Iterator[str]:
     """Yield a sentence for each missing step or test, and for each step with too few weighings."""
     yield from (f'Step {name} was not made.' for name in missing)
+    yield from _missing_tests(plan)
+    for result in results:
+        if 0 < result.count < result.required:
+            yield _too_few(result.attempt.step, result.count, result.required)
+
+
+def _missing_tests(plan: Plan) -> Iterator[str]:
     tests = {
         'warm-up': plan.warm_up,
         'zero': plan.zero,
@@ -289,12 +303,25 @@ def _gaps(plan: Plan, results: Sequence[Result], missing: Sequence[str]) -> Iter
         'loads at rest': plan.static,
     }
     yield from (f'The plan has no test of {name}.' for name, test in tests.items() if not test)
-    for result in results:
-        if 0 < result.count < result.required:
-            yield (
-                f'Step {result.attempt.step.name} has {result.count} weighings, '
-                f'{result.required} are required.'
-            )
+
+
+def _too_few(step: Step, count: int, required: int) -> str:
+    return f'Step {step.name} has {count} weighings, {required} are required.'
+
+
+def plan_departures(plan: Plan) -> Iterator[str]:
+    """Yield a sentence for each departure from the rules that a verification by a plan will have.
+
+    If there is one, the verdict is not 'passed', even if each step is within its limits.
+    """
+    yield from _missing_tests(plan)
+    for step in steps_of(plan):
+        required = 0 if step.load is None else weighings_required(step.load.mass)
+        if step.kind in _COUNTED and step.count < required:
+            yield _too_few(step, step.count, required)
+    yield from _warm_up_times(plan)
+    yield from _load_departures(plan)
+    yield from _reference_departures(plan)
 
 
 def _doubts(procedure: Procedure, results: Sequence[Result]) -> Iterator[str]:
@@ -373,10 +400,14 @@ def _reference_departures(plan: Plan) -> Iterator[str]:
             )
 
 
-def _warm_up_departures(plan: Plan, results: Sequence[Result]) -> Iterator[str]:
+def _warm_up_times(plan: Plan) -> Iterator[str]:
     if plan.warm_up and plan.warm_up.minutes != WARM_UP_MINUTES:
         given = ', '.join(f'{minutes:g}' for minutes in plan.warm_up.minutes)
         yield f'The warm-up is read at {given} min, not at 0, 5, 15 and 30 min.'
+
+
+def _warm_up_departures(plan: Plan, results: Sequence[Result]) -> Iterator[str]:
+    yield from _warm_up_times(plan)
     own = [each for each in results if each.attempt.step.minutes is not None]
     for result in own:
         planned, after = result.attempt.step.minutes, minutes_after(result, own[0])

@@ -147,7 +147,8 @@ def lines_of(lacking: Iterable[Load]) -> list[Text]:
     """
     lines = [
         Text(
-            'Not covered by the recorded passes: {mass} at {speed} m/min',
+            'Asked for by the plan of Verify, but not covered by the recorded passes: {mass} at '
+            '{speed} m/min',
             mass=Mass(round(mass, 6)),
             speed=round(MINUTE * speed),
         )

@@ -13,6 +13,7 @@ from checkweigher_core.records import GRAMS
 from checkweigher_core.settings_files import plain
 from checkweigher_core.yaml_files import opened
 from checkweigher_validation.accuracy.classes import CLASSES
+from checkweigher_validation.verification.evaluation import plan_departures
 from checkweigher_validation.verification.expectation import (
     Expected,
     expected_duration,
@@ -42,6 +43,7 @@ _FIELDS = (
     Field(('e_g',), Text('Verification interval e')),
     Field(('min_g',), Text('Min')),
     Field(('max_g',), Text('Max')),
+    Field(('prepackages_g',), Text('Nominal quantities of prepackages (empty: none)')),
     Field(('machine', 'serial'), Text('Serial number of the machine')),
     Field(('load_cell', 'serial'), Text('Serial number of the load cell')),
     Field(('amplifier', 'serial'), Text('Serial number of the amplifier')),
@@ -133,7 +135,7 @@ def _fitted(section: Any, loads: Iterable[str], load: str, speed: float) -> Any:
 def summary(
     text: str, std_dev: float, spacing: float = math.nan
 ) -> tuple[Text, list[tuple[Text, str]], list[Text]]:
-    """Return a summary of a plan, its steps as rows, and lines on steps that cannot be decided.
+    """Return a summary of a plan, its steps as rows, and lines on what its verdict will lack.
 
     `std_dev` is the standard deviation in kg of the mass in one pass, or 0 if it is not known.
     `spacing` is the recorded distance in m from one product to the next, or NaN if it is not known.
@@ -157,7 +159,10 @@ def summary(
         spacing=round(100 * spacing),
         source=Text('as recorded') if is_known else Text('assumed'),
     )
-    return line, rows, list(_doubts(expected_uncertainties(plan, std_dev)))
+    departures = (
+        Text('This plan cannot pass: {why}', why=from_node(each)) for each in plan_departures(plan)
+    )
+    return line, rows, [*departures, *_doubts(expected_uncertainties(plan, std_dev))]
 
 
 def _to_do(step: Step) -> str:
@@ -236,8 +241,9 @@ def _value(plan: Mapping[str, Any], path: tuple[str, ...], say: Language) -> str
     found: Any = plan
     for key in path:
         found = found.get(key, '') if isinstance(found, Mapping) else ''
-    if _is_mass(path[-1]) and isinstance(found, (int, float)):
-        return say.entry(say.per_kg * found / GRAMS)
+    if _is_mass(path[-1]) and isinstance(found, (int, float, list)):
+        masses = found if isinstance(found, list) else [found]
+        return '; '.join(say.entry(say.per_kg * each / GRAMS) for each in masses)
     return ', '.join(map(str, found)) if isinstance(found, list) else str(found)
 
 
@@ -245,6 +251,8 @@ def _typed(key: str, value: str, say: Language) -> Any:
     """Return the value of a key with the type that the plan needs: a list, a number or a text."""
     if key == 'speeds_m_per_min':
         return [_number(each) for each in value.replace(';', ',').split(',') if each.strip()]
+    if key == 'prepackages_g':
+        return [_grams(each, say) for each in value.split(';') if each.strip()]
     if _is_mass(key):
         return _grams(value, say)
     return _number(value) if key in _NUMBERS else value.strip()

@@ -76,6 +76,25 @@ _MESSAGES = (
     Text('Run the belt at {speed} m/min and let {load} pass'),
     Text('Run the belt at {speed} m/min and let {load} pass; each pass must be a FAULT'),
     Text('Run the belt at {speed} m/min and let {load} pass, lane {lane}'),
+    # Departures of a plan from the rules
+    Text('The plan has no test of {name}.'),
+    Text('warm-up'),
+    Text('zero'),
+    Text('eccentricity'),
+    Text('range of dynamic setting'),
+    Text('repeatability'),
+    Text('loads at rest'),
+    Text('Step {name} has {count} weighings, {required_count} are required.'),
+    Text('The warm-up is read at {minutes} min, not at 0, 5, 15 and 30 min.'),
+    Text('No load {where} is close to Min, {mass}.'),
+    Text('No load {where} is close to Max, {mass}.'),
+    Text('in motion'),
+    Text('at rest'),
+    Text('The eccentricity load is {percent} % of Max, not about a third.'),
+    Text(
+        'Reference {name} has an uncertainty of {mass} (k = 2), above a third of the limit, '
+        '{limit_mass}.'
+    ),
     Text('skipped: {reason}'),
     Text('{name}: passed'),
     Text('{name}: failed'),

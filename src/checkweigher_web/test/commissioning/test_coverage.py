@@ -49,4 +49,4 @@ def test_what_the_plan_weighs_far_from_the_recorded_passes_is_not_covered(
     assert loads_of('class: none') == []
     lines = lines_of(lacking)
     assert len(lines) == (len(lacking) + 1 if lacking else 0)
-    assert not lines or lines[0].startswith('Not covered by the recorded passes: ')
+    assert not lines or lines[0].startswith('Asked for by the plan of Verify, but not covered')

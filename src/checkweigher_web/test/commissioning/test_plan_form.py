@@ -1,6 +1,7 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
 import pytest
+import yaml
 
 from checkweigher_validation.verification.plan import EXAMPLE, read_plan
 from checkweigher_validation.verification.steps import steps_of
@@ -13,7 +14,7 @@ from checkweigher_web.commissioning.plan_form import (
     with_test,
     with_value,
 )
-from checkweigher_web.languages.language import UNITS, Language
+from checkweigher_web.languages.language import UNITS, Language, language
 
 
 def test_the_form_has_what_the_plan_has_and_changes_nothing_else():
@@ -68,7 +69,11 @@ def test_a_plan_says_what_cannot_be_decided():
     line, rows, doubts = summary(text, 0.0)
     assert line.startswith(f'Steps: {len(rows)}, passes: 643, duration: at least 45 min, with 100 ')
     assert 'at least 39 min, with 60 cm' in summary(text, 0.0, 0.6)[0]
-    (doubt,) = doubts
+    departure, doubt = doubts
+    assert departure == (
+        'This plan cannot pass: Reference small has an uncertainty of 0.2 g (k = 2), above a third '
+        'of the limit, 0.0333 g.'
+    )
     assert doubt.startswith('Cannot be decided, because the error will be known to 0.2 g (k = 2)')
     assert 'small at 30 m/min, small at 60 m/min, small at rest, loading' in doubt
     assert summary(EXAMPLE, 0.0)[2] == []
@@ -77,6 +82,28 @@ def test_a_plan_says_what_cannot_be_decided():
     line, rows, _ = summary('class: none', 0.0)
     assert line.startswith('The plan is not complete: line 1')
     assert rows == []
+
+
+def test_a_plan_says_why_it_cannot_pass():
+    assert summary(EXAMPLE, 0.0)[2] == []
+    short = with_test(with_value(EXAMPLE, ('passes',), '10'), 'warm_up', made=False)
+    lines = summary(with_value(short, ('max_g',), '700'), 0.0)[2]
+    assert lines[0] == 'This plan cannot pass: The plan has no test of warm-up.'
+    assert 'This plan cannot pass: Step passes_30_small has 10 weighings, 60 are required.' in lines
+    assert 'This plan cannot pass: No load in motion is close to Max, 700 g.' in lines
+    german = language('de', 'kg')
+    assert 'Keine Last in Bewegung ist nahe bei Max, 0,7 kg.' in '; '.join(map(german, lines))
+
+
+def test_a_plan_for_light_prepackages_has_no_heavy_ones():
+    text = with_value(EXAMPLE, ('max_g',), '300')
+    path = ('prepackages_g',)
+    shown = {field.path: value for field, value in fields_of(text)}[path]
+    lighter = '; '.join(each for each in shown.split('; ') if float(each) <= 300)
+    assert read_plan(EXAMPLE).prepackages_g[-1] > 300
+    changed = with_value(text, path, lighter)
+    assert all(each <= 300 for each in yaml.safe_load(changed)['prepackages_g'])
+    assert 'prepackages_g' not in yaml.safe_load(with_value(text, path, ''))
 
 
 def test_steps_are_named_in_the_words_of_the_person():
