@@ -298,6 +298,7 @@ ONE_STATION = {'station_distances': (1.0,), 'station_delays': (0.0,)}
         ('identifier.mean', {'speeds': (1.0, 1.0)}, 'speeds: at least one is needed, in'),
         ('identifier.mean', {'speeds': (0.5, 1.0)}, 'gain: 1 values for 2 speeds'),
         ('identifier.mean', {'offset': (0.0, 0.0)}, 'offset: 2 values for 1 speeds'),
+        ('identifier.mean', {'heaviest_mass': (1.0, 1.0)}, 'heaviest_mass: 2 values for 1 speeds'),
         ('identifier.mean', {'gain': (0.0,)}, r'gain: 0\.0 is not in 0\.1\.\.10'),
         ('identifier.mean', {'std_dev': (-1.0,)}, r'std_dev: -1\.0 is not in'),
         ('identifier.gauss_markov', {'reflection': (1.0,), 'order': 1}, 'reflection: must lie'),

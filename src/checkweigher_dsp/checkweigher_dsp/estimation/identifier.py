@@ -280,17 +280,19 @@ class Identifier:
         If the variance of the load was measured on items, it is only multiplied by the squared
         gain. Without training, the variances of load and zero are added. After training, the
         variance of the training passes is used, which includes the variance of their zero. If the
-        zero has a larger variance now than in the training, the difference is added.
+        zero has a larger variance now than in the training, the difference is added. If the mass is
+        beyond the masses of the training passes, the variance of the extrapolation is added.
         """
         known, speed = self._known, window.belt_speed
         zero_std_dev = window.zero_std_dev / window.counts_per_kg
         zero = zero_std_dev * zero_std_dev
+        beyond = known.extrapolation_std_dev(mass, speed)
         if load.measured:
             gain = known.at('gain', speed)
-            return gain * gain * load.variance
+            return gain * gain * load.variance + beyond * beyond
         if not known.calibrated:
             return load.variance + zero
         relative = known.at('relative_std_dev', speed) * mass
         trained, trained_zero = known.at('std_dev', speed), known.at('zero_std_dev', speed)
         worse = zero - trained_zero * trained_zero
-        return trained * trained + relative * relative + max(worse, 0.0)
+        return trained * trained + relative * relative + max(worse, 0.0) + beyond * beyond

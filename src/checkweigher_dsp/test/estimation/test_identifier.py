@@ -241,6 +241,34 @@ def test_only_what_the_zero_is_worse_than_in_training_is_added(estimator, zero_s
     assert estimate.std_dev == pytest.approx(math.sqrt(variance), rel=1e-9)
 
 
+def _stated(load, **values):
+    """Return the standard deviation of a constant load in kg at 1 m/s, after training."""
+    known = MeanParameters(**{**TRAINED, **values})
+    window = _denoised(make_window([load] * 64, belt_speed=1.0))
+    return Identifier(IdentifierParameters(estimator='mean', mean=known)).estimate(window).std_dev
+
+
+# At 1 m/s, the trained masses are 0.15 to 0.25 kg.
+TRAINED_MASSES = {'lightest_mass': (0.1, 0.2), 'heaviest_mass': (0.2, 0.3)}
+
+
+@pytest.mark.parametrize('load', [0.151, 0.2, 0.247])
+def test_within_the_trained_masses_a_file_without_them_states_the_same_to_the_bit(load):
+    assert _stated(load, **TRAINED_MASSES) == _stated(load)
+
+
+# With mass = 1.01 * load - 0.001, by hand: 18 times mass times distance at 0.25 kg, where the file
+# states hypot(0.0003, 0.0015 * 0.25) kg, and 0.7 times the relative distance at 0.15 kg.
+@pytest.mark.parametrize(
+    ('load', 'growth', 'nearest'),
+    [(0.4, 18 * 0.403 * 0.153, 0.25), (0.1, 0.7 * 0.05 / 0.15, 0.15)],
+)
+def test_beyond_the_trained_masses_the_stated_deviation_grows(load, growth, nearest):
+    beyond = growth * math.hypot(3e-4, 0.0015 * nearest)
+    expected = math.hypot(_stated(load), beyond)
+    assert _stated(load, **TRAINED_MASSES) == pytest.approx(expected, rel=1e-9)
+
+
 @pytest.mark.parametrize('estimator', REFERENCES)
 def test_no_line_offers_a_method_that_is_only_compared(estimator):
     with pytest.raises(ParameterError, match=f'identifier.estimator: .*{estimator}'):

@@ -117,10 +117,10 @@ def uncertainty(errors: NDArray[np.float64], masses: NDArray[np.float64]) -> Unc
     A share of the variance is proportional to mass**2. The share is estimated by its posterior
     mean, with an exponential prior whose mean is 0.4. The variance is then the maximum-likelihood
     estimate for this share. If all passes have one mass, the share is the prior mean, because
-    nothing can be learned about other masses. The intervals of much lighter products may then be
-    too narrow (docs/accuracy.md). The uncertainty is multiplied by the ratio of the 97.5 %
-    quantiles of Student's t and the normal distribution, because the standard deviation of few
-    errors is itself uncertain. [own derivation]
+    nothing can be learned about other masses. Beyond the masses of the passes, the identifier adds
+    a variance (`EstimatorParameters.extrapolation_std_dev`). The uncertainty is multiplied by the
+    ratio of the 97.5 % quantiles of Student's t and the normal distribution, because the standard
+    deviation of few errors is itself uncertain. [own derivation]
     """
     from scipy.stats import norm, t  # imported late, because the import is slow
 

@@ -67,10 +67,9 @@ class TunedSpeed:
     uncertainty: Uncertainty
     zero_std_dev: float  # median standard deviation of the zero in kg
     index: float  # A on the training passes in kg
+    masses: tuple[float, ...]  # true mass of each pass in kg, in order of entry
     held_out_index: float = math.nan  # A of the held-out errors in kg.
-    # Error and true mass of each held-out pass in kg, in order of entry.
-    held_out_errors: tuple[float, ...] = ()
-    masses: tuple[float, ...] = ()
+    held_out_errors: tuple[float, ...] = ()  # error of each held-out pass in kg, in order of entry
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,9 +164,9 @@ def untrained(groups: Sequence[SpeedGroup], base: LineParameters) -> Tuned:
                 uncertainty=Uncertainty(0.0, 0.0),
                 zero_std_dev=_zero_std_dev(group),
                 index=found,
+                masses=tuple(masses.tolist()),
                 held_out_index=found,
                 held_out_errors=tuple(errors.tolist()),
-                masses=tuple(masses.tolist()),
             )
         )
     return Tuned(base.identifier.estimator, tuple(speeds), base)
@@ -233,7 +232,6 @@ def _with_held_out(task: Tunable, found: Mapping[tuple[Tunable, int | None], Any
         uncertainty=uncertainty(errors, masses),
         held_out_index=index(errors, masses),
         held_out_errors=tuple(errors.tolist()),
-        masses=tuple(masses.tolist()),
     )
 
 
@@ -293,6 +291,7 @@ def _tune_speed(tunable: Tunable, budget: int) -> TunedSpeed:
         uncertainty=uncertainty(held_out_errors(estimates, masses), masses),
         zero_std_dev=_zero_std_dev(group),
         index=badness,
+        masses=tuple(masses.tolist()),
     )
 
 
@@ -312,6 +311,8 @@ def _assemble(estimator: str, speeds: Sequence[TunedSpeed], base: LineParameters
             f'{own}.std_dev': (each.uncertainty.std_dev,),
             f'{own}.relative_std_dev': (each.uncertainty.relative,),
             f'{own}.zero_std_dev': (each.zero_std_dev,),
+            f'{own}.lightest_mass': (min(each.masses),),
+            f'{own}.heaviest_mass': (max(each.masses),),
             **each.lists,
             **{f'{name.rpartition(".")[0]}.speeds': (each.speed,) for name in each.lists},
         }

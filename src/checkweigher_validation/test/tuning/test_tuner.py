@@ -84,6 +84,8 @@ class TestWhatIsLearned:
         assert known.zero_std_dev == pytest.approx(
             (np.median([w.zero_std_dev / w.counts_per_kg for w in windows]),), rel=1e-6
         )
+        assert known.lightest_mass == (masses.min(),)
+        assert known.heaviest_mass == (masses.max(),)
         # Of 24 passes four masses have five and the last one has four, which count alone.
         index = np.mean([abs(e.mean()) + 3 * e.std(ddof=1) for e in groups])
         assert tuned.speeds[0].index == pytest.approx(index, rel=1e-9)

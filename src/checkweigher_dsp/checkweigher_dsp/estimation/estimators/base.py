@@ -17,7 +17,18 @@ from checkweigher_core.records import WeighWindow
 from checkweigher_dsp.signal import Array
 from checkweigher_dsp.signal.averages import hann_mean
 
-_std_dev = partial(parameter, unit='kg', minimum=0, maximum=1e3)
+_kilograms = partial(parameter, unit='kg', minimum=0, maximum=1e3)
+
+# Additional standard deviation beyond the trained masses, relative to the standard deviation at the
+# nearest trained mass. Above the heaviest one, it is this number in 1/kg^2 times the mass times the
+# distance, and below the lightest one, this number times the relative distance. The numbers were
+# fitted to errors on random machines (docs/method.md).
+_HEAVIER = 18.0
+_LIGHTER = 0.7
+
+# Parameter lists that the files of earlier versions do not contain. Their default of one value then
+# holds for all speeds.
+_LATER = ('lightest_mass', 'heaviest_mass')
 
 # Largest distance of an estimate from the mean of a window: `_SPREAD` standard deviations of the
 # samples, plus the fraction `_BIAS` of the mean. The second term allows for parameters that were
@@ -48,6 +59,7 @@ class EstimatorParameters(Parameters):
 
     Each list has one value for each of ``speeds``, except those for which a subclass overrides
     `fits`. The values are interpolated linearly between the speeds, and constant beyond them.
+    ``lightest_mass`` and ``heaviest_mass`` may have one value for all speeds.
 
     Raises
     ------
@@ -66,7 +78,7 @@ class EstimatorParameters(Parameters):
     offset: tuple[float, ...] = parameter(
         (0.0,), 'offset of the mass; see gain', unit='kg', minimum=-1e3, maximum=1e3
     )
-    std_dev: tuple[float, ...] = _std_dev(
+    std_dev: tuple[float, ...] = _kilograms(
         (0.0,),
         'standard deviation of the mass on training passes: the part that is the same for all '
         'masses',
@@ -78,8 +90,16 @@ class EstimatorParameters(Parameters):
         minimum=0,
         maximum=10,
     )
-    zero_std_dev: tuple[float, ...] = _std_dev(
+    zero_std_dev: tuple[float, ...] = _kilograms(
         (0.0,), 'standard deviation of the zero on training passes, as computed by the segmenter'
+    )
+    lightest_mass: tuple[float, ...] = _kilograms(
+        (0.0,),
+        'smallest mass of the training passes; below it, the stated standard deviation grows',
+    )
+    heaviest_mass: tuple[float, ...] = _kilograms(
+        (1e3,),
+        'largest mass of the training passes; above it, the stated standard deviation grows',
     )
 
     def __post_init__(self) -> None:
@@ -88,7 +108,9 @@ class EstimatorParameters(Parameters):
             raise ParameterError(f'{self.node}.speeds: at least one is needed, in increasing order')
         for entry in fields(self):
             values = getattr(self, entry.name)
-            if isinstance(values, tuple) and not self.fits(entry.name, len(values)):
+            if not isinstance(values, tuple) or (entry.name in _LATER and len(values) == 1):
+                continue
+            if not self.fits(entry.name, len(values)):
                 raise ParameterError(
                     f'{self.node}.{entry.name}: {len(values)} values for {len(self.speeds)} speeds'
                 )
@@ -118,6 +140,26 @@ class EstimatorParameters(Parameters):
         """
         table = np.reshape(getattr(self, name), (len(self.speeds), -1))
         return np.array([np.interp(speed, self.speeds, column) for column in table.T])
+
+    def extrapolation_std_dev(self, mass: float, speed: float) -> float:
+        """Return the additional standard deviation in kg of a mass beyond the trained masses.
+
+        `mass` is in kg and `speed` in m/s. A heavier product swings more slowly, so its estimate
+        has a systematic error that the training passes do not show. To first order, this error is
+        proportional to the mass and to its distance from the trained masses. The scatter of a
+        lighter product is uncertain, because passes of one mass do not show how it depends on the
+        mass. Both are proportional to the standard deviation at the nearest trained mass. The
+        result is 0 between the lightest and the heaviest trained mass.
+        """
+        lightest, heaviest = self.at('lightest_mass', speed), self.at('heaviest_mass', speed)
+        if mass > heaviest:
+            nearest, growth = heaviest, _HEAVIER * mass * (mass - heaviest)
+        elif 0 < mass < lightest:
+            nearest, growth = lightest, _LIGHTER * (1 - mass / lightest)
+        else:
+            return 0.0
+        relative = self.at('relative_std_dev', speed) * nearest
+        return growth * math.hypot(self.at('std_dev', speed), relative)
 
     def is_trained(self, speed: float, tolerance: float) -> bool:
         """Return whether a speed in m/s is in the range of ``speeds``.

@@ -96,6 +96,20 @@ def test_with_gain_and_offset_from_references_the_stated_deviation_is_that_of_th
     assert np.sqrt(np.mean(stated**2)) == pytest.approx(scatter(learned), rel=0.25)
 
 
+def test_beyond_the_trained_masses_the_deviation_of_learned_weights_grows():
+    known = MeanParameters(calibrated=True, std_dev=(5e-3,))
+    narrow = replace(known, lightest_mass=(0.1,), heaviest_mass=(0.1,))
+    windows = items(200)
+    everywhere, beyond = (
+        Identifier(replace(PARAMETERS, mean=each)).estimate_all(windows)[-1]
+        for each in (known, narrow)
+    )
+    more = narrow.extrapolation_std_dev(beyond.mass, 1.0)
+    assert beyond.mass == everywhere.mass == pytest.approx(MASSES[199 % 3], abs=2e-3)
+    assert beyond.std_dev == pytest.approx(np.hypot(everywhere.std_dev, more), rel=1e-9)
+    assert beyond.std_dev > 1.1 * everywhere.std_dev
+
+
 def test_the_masses_depend_on_the_order_of_the_items_alone():
     windows = items(70)
     at_once = Identifier(PARAMETERS).estimate_all(windows)
