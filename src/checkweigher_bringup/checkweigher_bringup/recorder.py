@@ -10,7 +10,7 @@ from pathlib import Path
 import queue
 import time
 
-from rclpy.serialization import serialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 from tqdm import tqdm
 
 from checkweigher_bringup.errors import UserError
@@ -19,7 +19,7 @@ from checkweigher_core.printable import one_line
 from checkweigher_core.records import GRAMS, Decision, Reference, Verdict
 from checkweigher_core.records.reasons import Reason
 from checkweigher_core.ros import ports
-from checkweigher_core.ros.conversion import to_message
+from checkweigher_core.ros.conversion import stamp_from, to_message
 from checkweigher_core.ros.graph.policy import OBSERVER
 from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.ros.ports import Port
@@ -99,6 +99,7 @@ class RecorderNode(PortNode):
         super().__init__(name)
         self.messages: queue.Queue[tuple[Port, int, bytes]] = queue.Queue()
         self.passes = passes
+        self._begin: int | None = None  # stamp in ns of the first samples
         self._flushed = time.monotonic()
         # Use the QoS of the stages, so that the node does not receive the verdicts of earlier
         # items. The signals of these items are not in the bag.
@@ -126,10 +127,15 @@ class RecorderNode(PortNode):
         return arrived
 
     def _put(self, port: Port, data: bytes) -> None:
+        if self._begin is None and port is ports.LOAD_CELL_SAMPLES:
+            self._begin = stamp_from(deserialize_message(data, port.type).header.stamp)
         self.messages.put((port, time.time_ns(), data))
 
     def _on_verdict(self, verdict: Verdict) -> None:
         assert self.passes is not None
+        # The bag lacks the signal of an item that was on the belt before the first samples.
+        if verdict.t1 is not None and (self._begin is None or verdict.t1 < self._begin):
+            return
         if (reference := self.passes.take(verdict)) is not None:
             message = to_message(ports.REFERENCE_MASS, reference)
             self._put(ports.REFERENCE_MASS, serialize_message(message))

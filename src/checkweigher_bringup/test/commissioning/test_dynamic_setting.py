@@ -255,7 +255,7 @@ def test_the_command_lets_the_line_record_and_train(tmp_path: Path):
     with spinning('guided') as spinner:
         spinner.add(DynamicSettingNode(setting))
         dialogue = Dialogue(
-            '--dynamic', '--reference', 1e3 * MASS, '--passes', 4, '--speeds', 90,
+            '--dynamic', '--reference', 1e3 * MASS, '--passes', 6, '--speeds', 90,
             '--namespace', 'guided',
         )  # fmt: skip
         assert 'Set the belt to 90 m/min' in dialogue.asked()
@@ -270,6 +270,6 @@ def test_the_command_lets_the_line_record_and_train(tmp_path: Path):
             status, printed, errors = dialogue.end()
     assert status == 0, errors
     assert re.search(r'the belt ran at (59|60)[.]\d+ m/min, not at 90 m/min', printed)
-    assert 'pass 4 of 4' in printed
+    assert 'pass 6 of 6' in printed
     assert f'{file}, version 1' in printed
     assert LineParameters.from_file(file).identifier.estimator == 'tvlpf'

@@ -18,11 +18,21 @@ from rclpy.publisher import Publisher
 from running import Rows, read_rows, run_command, start_command
 import yaml
 
+from checkweigher_bringup.recorder import RecorderNode, ReferencePasses
 from checkweigher_bringup.spinning import spinning
 from checkweigher_core.recording import Event, Recording
-from checkweigher_core.records import Eye, EyeEdge, LoadCell
+from checkweigher_core.records import (
+    NANOSECONDS,
+    Decision,
+    Eye,
+    EyeEdge,
+    LoadCell,
+    SampleBlock,
+    Verdict,
+)
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.conversion import to_message
+from checkweigher_core.ros.port_node import PortNode
 from checkweigher_recording.bags.definitions import BagError
 from checkweigher_recording.bags.reading import read_bag
 
@@ -240,3 +250,28 @@ def wait_for_node(*names: str) -> None:
             return {f'{space.rstrip("/")}/{own}' for own, space in pairs}
 
         wait_for(lambda: known().issuperset(names))
+
+
+def test_a_pass_counts_only_if_its_signal_is_recorded():
+    passes = ReferencePasses(0.1, 5)
+    with spinning() as spinner:
+        node = RecorderNode((ports.LOAD_CELL_SAMPLES,), passes)
+        line = PortNode('line')
+        samples, verdicts = map(line.output, (ports.LOAD_CELL_SAMPLES, ports.VERDICT))
+        spinner.add(line)
+        spinner.add(node)
+        for output in (samples, verdicts):
+            wait_for(lambda output=output: output.publisher.get_subscription_count())
+
+        def send(item_id: int, t1: int) -> None:
+            verdicts.send(Verdict(item_id, t1 + NANOSECONDS, Decision.ACCEPT, t1=t1, mass=0.1))
+
+        begin = 100 * NANOSECONDS
+        send(1, begin - NANOSECONDS)  # before the first samples
+        samples.send(SampleBlock(begin, 0, np.zeros(96, np.int32)))
+        wait_for(lambda: not node.messages.empty())
+        send(2, begin - 1)  # on the belt when the recording began
+        send(3, begin + NANOSECONDS)
+        wait_for(lambda: passes.count)
+    assert passes.count == 1
+    assert list(passes.lines()) == ['pass 1 of 5: 100.000 g, +0.000 g']
