@@ -3,7 +3,9 @@
 """Dynamic setting at the terminal: passes of a known mass at several belt speeds."""
 
 import argparse
+from collections.abc import Iterable
 from itertools import count
+import math
 from pathlib import Path
 from statistics import median
 
@@ -17,6 +19,7 @@ from checkweigher_core.records import GRAMS
 from checkweigher_core.whole_file import make_output_folder
 from checkweigher_driver.calibration.file import check_not_installed, replace_version
 from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_validation.accuracy.passes import KnownPass
 
 _MINUTE = 60.0  # s
 _BUDGET = 240  # largest number of evaluations of each estimator at each speed
@@ -88,8 +91,22 @@ def _record_at(
                 f'{bag}: only {len(passes)} of {arguments.passes} passes were recorded; begin '
                 'again, or use the command tune with the recorded bags'
             )
-        found = _MINUTE * median(each.window.belt_speed for each in passes)
+        found = belt_speed(passes)
         print(f'{bag}: {len(passes)} passes at {found:.2f} m/min')
-        if abs(found / speed - 1) <= _TOLERANCE:
+        if not (other := other_speed(found, speed)):
             return bag
-        print(f'the belt ran at {found:.2f} m/min, not at {speed:g} m/min: this bag is not used')
+        print(f'{other}: this bag is not used')
+
+
+def belt_speed(passes: Iterable[KnownPass]) -> float:
+    """Return the median belt speed in m/min of the passes whose speed is known."""
+    return _MINUTE * median(filter(math.isfinite, (each.window.belt_speed for each in passes)))
+
+
+def other_speed(found: float, wanted: float) -> str:
+    """Return a text if a belt speed differs from the wanted one, both in m/min, otherwise ''.
+
+    A difference of `_TOLERANCE` is allowed.
+    """
+    same = abs(found / wanted - 1) <= _TOLERANCE
+    return '' if same else f'the belt ran at {found:.2f} m/min, not at {wanted:g} m/min'

@@ -12,7 +12,7 @@ from checkweigher_bringup.spinning import write_parameter_file
 from checkweigher_core.changes import CALIBRATION
 from checkweigher_core.printable import one_line
 from checkweigher_production.audit_log import AuditError, Entry, read_log
-from checkweigher_recording.simulation.operation import OperationParameters
+from checkweigher_recording.simulation.operation import OPERATION
 from checkweigher_validation.archive.program import program_digest
 from checkweigher_validation.verification.procedure import digest_of
 
@@ -23,9 +23,6 @@ _PACKAGES = ('core', 'dsp', 'production', 'recording', 'driver', 'validation', '
 # Kinds of audit log entries that record a change of the machine. The kind `zero` is left out,
 # because steps of the verification set the zero.
 _CHANGING = ('parameter', 'recipe', 'calibration', 'learned', 'tuned', 'selection')
-# Beginning of the names of parameters by which a person operates a simulated machine. Putting a
-# load on the belt is a part of a step, and not a change of the machine.
-_OPERATION = f'{OperationParameters.node}.'
 
 
 class Identity:
@@ -81,6 +78,9 @@ class Identity:
 def _changes(before: NodeValues, after: NodeValues) -> Iterator[str]:
     """Yield a sentence for each parameter that changed during the steps.
 
+    Parameters by which a person operates a simulated machine are left out: putting a load on its
+    belt is a part of a step, and not a change of the machine.
+
     For a node that reported its parameters only before or only after the steps, yield one sentence.
     """
     for node in sorted({*before, *after}):
@@ -90,7 +90,7 @@ def _changes(before: NodeValues, after: NodeValues) -> Iterator[str]:
             continue
         old, new = before[node], after[node]
         for name in sorted({*old, *new}):
-            if name.startswith(_OPERATION):
+            if name.startswith(OPERATION):
                 continue
             was, now = (
                 repr(values[name]) if name in values else 'not set' for values in (old, new)
@@ -103,9 +103,12 @@ def _changes(before: NodeValues, after: NodeValues) -> Iterator[str]:
 
 
 def _changes_in_log(entries: Iterable[Entry]) -> Iterator[str]:
-    """Yield a sentence for each audit log entry that records a change of the machine."""
+    """Yield a sentence for each audit log entry that records a change of the machine.
+
+    Entries on the operation of a simulated machine are left out, as in `_changes`.
+    """
     for entry in entries:
-        operates = entry.kind == 'parameter' and _OPERATION in entry.subject
+        operates = entry.kind == 'parameter' and OPERATION in entry.subject
         if operates or entry.kind not in _CHANGING:
             continue
         what = f'{entry.kind} {entry.subject} of {entry.source}'

@@ -9,13 +9,13 @@ from collections.abc import Sequence
 from contextlib import suppress
 import math
 from pathlib import Path
-from statistics import median
 
 from checkweigher_msgs.action import ReadLoad, RecordPasses, RunVerification, TunePasses
 from checkweigher_msgs.srv import AnswerVerification, FinishCalibration
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
+from checkweigher_bringup.commissioning.dynamic_guide import belt_speed, other_speed
 from checkweigher_bringup.commissioning.lane_client import call, perform, technician
 from checkweigher_bringup.commissioning.terminal import StepsAtTerminal, ask, show, tell
 from checkweigher_bringup.errors import UserError
@@ -25,9 +25,7 @@ from checkweigher_core.ros import ports
 from checkweigher_core.ros.conversion import to_record
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 
-_MINUTE = 60.0  # s
 _FIT_PATIENCE = 20.0  # maximum time in s to wait until a calibration is written
-_SAME_SPEED = 0.05  # maximum relative difference between the requested and the actual belt speed
 
 
 def calibrate_line(
@@ -107,14 +105,9 @@ def _is_recorded(node: Node, mass: float, passes: int, speed: float) -> bool:
         print(f'{bag}: is on another computer, so the speed of its passes is not checked')
         return True
     known = read_passes([bag], None, SegmenterParameters()).passes
-    found = _MINUTE * median(filter(math.isfinite, (e.window.belt_speed for e in known)))
-    if math.isclose(found, speed, rel_tol=_SAME_SPEED):
-        return True
-    print(
-        f'the belt ran at {found:.2f} m/min, not at {speed:g} m/min; the training uses these '
-        f'passes, too, unless you remove {bag}'
-    )
-    return False
+    if other := other_speed(belt_speed(known), speed):
+        print(f'{other}; the training uses these passes, too, unless you remove {bag}')
+    return not other
 
 
 class _Training:

@@ -224,6 +224,18 @@ def test_a_folder_has_to_be_given():
         DynamicSettingNode()
 
 
+@contextmanager
+def passing_at_90(dialogue: Dialogue, spinner: Spinner) -> Iterator[None]:
+    """Let products pass at 60 m/min, which was not asked for, and then at 90 m/min."""
+    assert 'Set the belt to 90 m/min' in dialogue.asked()
+    with line(spinner, 1.0):
+        dialogue.answer()
+        assert 'Set the belt to 90 m/min' in dialogue.asked()
+    with line(spinner, 1.5):
+        dialogue.answer()
+        yield
+
+
 @pytest.mark.soak
 def test_the_command_guides_through_the_speeds(tmp_path: Path):
     output = tmp_path / 'machine.yaml'
@@ -232,12 +244,7 @@ def test_the_command_guides_through_the_speeds(tmp_path: Path):
             '--dynamic', '--reference', 1e3 * MASS, '--passes', 4, '--speeds', 90, '--output',
             output, '--namespace', 'guided', '--estimator', 'tvlpf', '--budget', 8,
         )  # fmt: skip
-        assert 'Set the belt to 90 m/min' in dialogue.asked()
-        with line(spinner, 1.0):
-            dialogue.answer()
-            assert 'Set the belt to 90 m/min' in dialogue.asked()  # it was not the one asked for
-        with line(spinner, 1.5):
-            dialogue.answer()
+        with passing_at_90(dialogue, spinner):
             assert 'write these parameters to' in dialogue.asked()
             assert not output.exists()
             dialogue.answer('yes')
@@ -258,12 +265,7 @@ def test_the_command_lets_the_line_record_and_train(tmp_path: Path):
             '--dynamic', '--reference', 1e3 * MASS, '--passes', 6, '--speeds', 90,
             '--namespace', 'guided',
         )  # fmt: skip
-        assert 'Set the belt to 90 m/min' in dialogue.asked()
-        with line(spinner, 1.0):
-            dialogue.answer()
-            assert 'Set the belt to 90 m/min' in dialogue.asked()  # it was not the one asked for
-        with line(spinner, 1.5):
-            dialogue.answer()
+        with passing_at_90(dialogue, spinner):
             assert 'accept these parameters' in dialogue.asked()
             assert not file.exists()
             dialogue.answer('yes')

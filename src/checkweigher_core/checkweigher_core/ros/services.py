@@ -15,6 +15,7 @@ _TRIGGER = 'std_srvs/srv/Trigger'
 PAGE_WORK, SETTING, REPORTER = 'page_work', ports.DYNAMIC_SETTING.name, 'batch_reporter'
 VERIFIER, VERIFY = ports.VERIFICATION_PROGRESS.maker, ports.VERIFICATION.maker
 TECHNICIAN = 'technician'  # node of the commands that call services and actions
+AT_WORK = PAGE_WORK, TECHNICIAN  # nodes by which a person works on a machine
 # Nodes that assist the line and publish diagnostics, but are not part of the line.
 OF_MACHINE = SETTING, VERIFIER
 GATEWAYS = 'gateway_metrics', 'gateway_mqtt', 'gateway_opcua'
@@ -61,15 +62,15 @@ class Service(NamedTuple):
 # fmt: off
 ACTIONS = (
     Service(ports.READ_LOAD, 'checkweigher_msgs/action/ReadLoad', 'driver',
-            (PAGE_WORK, TECHNICIAN), 'reads the empty belt, or a known mass on it, at rest for a '
+            AT_WORK, 'reads the empty belt, or a known mass on it, at rest for a '
             '[calibration](#calibration)'),
     Service(ports.RECORD_PASSES, 'checkweigher_msgs/action/RecordPasses', SETTING,
-            (PAGE_WORK, TECHNICIAN), 'records passes of a product of known mass; see '
+            AT_WORK, 'records passes of a product of known mass; see '
             '[Dynamic setting](#dynamic-setting)'),
     Service(ports.TUNE_PASSES, 'checkweigher_msgs/action/TunePasses', SETTING,
-            (PAGE_WORK, TECHNICIAN), 'trains the estimators on all recorded passes'),
+            AT_WORK, 'trains the estimators on all recorded passes'),
     Service(ports.RUN_VERIFICATION, 'checkweigher_msgs/action/RunVerification', VERIFIER,
-            (PAGE_WORK, TECHNICIAN), 'guides an operator through a '
+            AT_WORK, 'guides an operator through a '
             '[verification](verification.md#on-the-page) according to a plan'),
 )
 SERVICES = (
@@ -89,10 +90,10 @@ SERVICES = (
     Service(ports.CALIBRATE_SPAN, 'checkweigher_msgs/srv/CalibrateSpan', 'driver', (),
             'deprecated: use the action `read_load`'),
     Service(ports.FINISH_CALIBRATION, 'checkweigher_msgs/srv/FinishCalibration', 'driver',
-            (PAGE_WORK, TECHNICIAN),
+            AT_WORK,
             'computes zero and sensitivity from the readings, writes them as the next version of '
             '`calibration.file`, and applies them'),
-    Service(ports.CANCEL_CALIBRATION, _TRIGGER, 'driver', (PAGE_WORK, TECHNICIAN),
+    Service(ports.CANCEL_CALIBRATION, _TRIGGER, 'driver', AT_WORK,
             'discards the readings of a calibration'),
     Service(ports.RECORD_PASSES, 'checkweigher_msgs/srv/RecordPasses', SETTING, (),
             'deprecated: begins the same work as the action of this name; use the action'),
@@ -101,10 +102,10 @@ SERVICES = (
     Service(ports.CANCEL_PASSES, _TRIGGER, SETTING, (PAGE_WORK,),
             'cancels a recording or training that is in progress; otherwise deletes the learned '
             'parameters'),
-    Service(ports.SHOW_TUNED, _TRIGGER, SETTING, (PAGE_WORK, TECHNICIAN),
+    Service(ports.SHOW_TUNED, _TRIGGER, SETTING, AT_WORK,
             'returns the accuracy of the learned parameters on held-out passes, one line for each '
             'estimator and speed', changes_line=False),
-    Service(ports.ACCEPT_TUNED, _TRIGGER, SETTING, (PAGE_WORK, TECHNICIAN),
+    Service(ports.ACCEPT_TUNED, _TRIGGER, SETTING, AT_WORK,
             'writes the learned parameters to the parameter file, which the next start reads'),
     Service(ports.RESTART_LINE, _TRIGGER, SETTING, (PAGE_WORK,),
             'ends the nodes of the line in order and starts them again; they then read the '
@@ -112,7 +113,7 @@ SERVICES = (
     Service(ports.BEGIN_VERIFICATION, 'checkweigher_msgs/srv/BeginVerification', VERIFIER, (),
             'deprecated: use the action `run_verification`'),
     Service(ports.ANSWER_VERIFICATION, 'checkweigher_msgs/srv/AnswerVerification', VERIFIER,
-            (PAGE_WORK, TECHNICIAN), 'performs or skips the requested step, or goes on after a '
+            AT_WORK, 'performs or skips the requested step, or goes on after a '
             'failed step'),
     Service(ports.CANCEL_VERIFICATION, _TRIGGER, VERIFIER, (),
             'deprecated: cancel the action `run_verification` instead'),

@@ -99,3 +99,6 @@ class OperationParameters(Parameters):
                 for number in range(0 if dead else 1 + _FLICKERS * dirty):
                     late = place / speed if place else 0.0
                     yield time + late + number * _FLICKER, eye, blocked ^ (number % 2 == 1)
+
+
+OPERATION = f'{OperationParameters.node}.'  # beginning of the names of these parameters

@@ -216,7 +216,7 @@ def _judge_passes(blank: Result, accuracy_class: AccuracyClass) -> Result:
     has_std_dev = step.kind in (StepKind.PASSES, StepKind.REPEATABILITY)
     result = replace(
         result,
-        required=0 if step.kind == StepKind.WARM_UP else judgement.weighings_required,
+        required=_required(step),
         max_error=judgement.max_error if in_y or not repeated else math.nan,
         max_std_dev=judgement.max_std_dev if has_std_dev else math.nan,
     )
@@ -305,6 +305,11 @@ def _missing_tests(plan: Plan) -> Iterator[str]:
     yield from (f'The plan has no test of {name}.' for name, test in tests.items() if not test)
 
 
+def _required(step: Step) -> int:
+    """Return the number of weighings that OIML R 51-1 requires for a step, or 0."""
+    return weighings_required(step.load.mass) if step.load and step.kind in _COUNTED else 0
+
+
 def _too_few(step: Step, count: int, required: int) -> str:
     return f'Step {step.name} has {count} weighings, {required} are required.'
 
@@ -316,9 +321,8 @@ def plan_departures(plan: Plan) -> Iterator[str]:
     """
     yield from _missing_tests(plan)
     for step in steps_of(plan):
-        required = 0 if step.load is None else weighings_required(step.load.mass)
-        if step.kind in _COUNTED and step.count < required:
-            yield _too_few(step, step.count, required)
+        if step.count < _required(step):
+            yield _too_few(step, step.count, _required(step))
     yield from _warm_up_times(plan)
     yield from _load_departures(plan)
     yield from _reference_departures(plan)

@@ -32,11 +32,12 @@ class LimitsStep(Step):
 
     def standing(self) -> Standing:
         """Return whether a limit is set, and a text with the limits in use."""
-        now, product = self._now(), self.services.product
-        if now is None or product is None:
+        product = self.services.product
+        if product is None:
             return Standing(False, Text('the line has not said its limits yet'))
         if product.needed and not product.product:
             return Standing(False, Text('no product is selected, so nothing is accepted'))
+        now = actions.limits(self.services)
         if not (math.isfinite(now.lower) or math.isfinite(now.upper)):
             return Standing(False, Text('no limits'))
         return Standing(True, now.text)

@@ -23,7 +23,7 @@ from checkweigher_core.whole_file import OutputError
 from checkweigher_dsp.pipeline.line import LineParameters
 from checkweigher_dsp.rejection.parameters import limits_of
 from checkweigher_production.recipes import Product, read_recipes
-from checkweigher_recording.simulation.operation import OperationParameters
+from checkweigher_recording.simulation.operation import OPERATION, OperationParameters
 from checkweigher_web.languages.language import Mass, Text
 from checkweigher_web.languages.wording import in_grams, in_words
 from checkweigher_web.work.services import ActionRefusedError, LaneServices
@@ -162,16 +162,13 @@ async def set_limits(services: LaneServices, wanted: MassLimits) -> str:
     return Text('the limits are {limits}', limits=wanted.text)
 
 
-_OPERATION = f'{OperationParameters.node}.'
-
-
 async def operation(services: LaneServices) -> OperationParameters:
     """Return the settings of a simulated machine.
 
     Raises `ActionRefusedError` if the machine of the lane is not simulated.
     """
     names = list(OperationParameters.entries())
-    values = await _parameters(services, 'driver', *(_OPERATION + name for name in names))
+    values = await _parameters(services, 'driver', *(OPERATION + name for name in names))
     if len(values) != len(names) or None in values:
         raise ActionRefusedError(Text('the machine of this lane is not simulated'))
     return OperationParameters.from_mapping(dict(zip(names, values, strict=True)))
@@ -179,7 +176,7 @@ async def operation(services: LaneServices) -> OperationParameters:
 
 async def operate(services: LaneServices, wanted: Mapping[str, object]) -> str:
     """Change settings of a simulated machine."""
-    await _set(services, 'driver', {_OPERATION + name: each for name, each in wanted.items()})
+    await _set(services, 'driver', {OPERATION + name: each for name, each in wanted.items()})
     return Text('the machine does so within two seconds')
 
 

@@ -60,35 +60,33 @@ def run(arguments: argparse.Namespace) -> int:
             'choose what to set: --masses G ... (known masses at rest), --zero (the empty belt '
             'only) or --dynamic (passes of --reference at each of --speeds)'
         )
-    if arguments.output is not None:
-        if arguments.dynamic:
-            from checkweigher_bringup.commissioning.dynamic_guide import set_dynamically
+    if arguments.output is None:
+        _set_line(arguments)
+    elif arguments.dynamic:
+        from checkweigher_bringup.commissioning.dynamic_guide import set_dynamically
 
-            set_dynamically(arguments)
-        else:
-            from checkweigher_bringup.commissioning.static_guide import calibrate_at_rest
+        set_dynamically(arguments)
+    else:
+        from checkweigher_bringup.commissioning.static_guide import calibrate_at_rest
 
-            calibrate_at_rest(arguments)
-        return 0
+        calibrate_at_rest(arguments)
+    return 0
+
+
+def _set_line(arguments: argparse.Namespace) -> None:
+    """Calibrate or train a running line by its actions.
+
+    Raises `UserError` if an option that needs `--output` was given.
+    """
+    from checkweigher_bringup.commissioning.line_guide import calibrate_line, train_line
+    from checkweigher_bringup.settings import check_namespace
+    from checkweigher_core.records import GRAMS
+
     if given := [f'--{name}' for name in _OWN if _is_given(getattr(arguments, name))]:
         raise UserError(
             f'--output: must name the parameter file to write with {" ".join(given)}; a line '
             'without --output uses its own files and settings'
         )
-    _set_line(arguments)
-    return 0
-
-
-def _is_given(value: object) -> bool:
-    return value is not None and value is not False
-
-
-def _set_line(arguments: argparse.Namespace) -> None:
-    """Calibrate or train a running line by its actions."""
-    from checkweigher_bringup.commissioning.line_guide import calibrate_line, train_line
-    from checkweigher_bringup.settings import check_namespace
-    from checkweigher_core.records import GRAMS
-
     namespace = check_namespace(arguments.namespace)
     if arguments.dynamic:
         from checkweigher_bringup.commissioning.dynamic_guide import check_passes
@@ -102,3 +100,7 @@ def _set_line(arguments: argparse.Namespace) -> None:
     masses = [mass / GRAMS for mass in arguments.masses or ()]
     uncertainty, residual = arguments.mass_uncertainty, arguments.max_residual or 0.0
     calibrate_line(namespace, masses, uncertainty / GRAMS, residual / GRAMS)
+
+
+def _is_given(value: object) -> bool:
+    return value is not None and value is not False
