@@ -79,7 +79,7 @@ def connect(port: int) -> tuple[WebSocket, str]:
         }  # fmt: skip
         socket = create_connection(
             f'ws://{address}/_nicegui_ws/socket.io/?{urlencode(query)}', timeout=PATIENCE,
-            origin=f'http://{address}',
+            origin=f'http://{address}', skip_utf8_validation=True,
         )  # fmt: skip
         assert socket.recv()[0] == '0'
         socket.send('40')
