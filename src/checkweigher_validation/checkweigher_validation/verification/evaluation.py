@@ -31,7 +31,7 @@ from statistics import median
 
 import numpy as np
 
-from checkweigher_core.records import GRAMS, ZeroChange
+from checkweigher_core.records import GRAMS, LoadCell, ZeroChange
 from checkweigher_validation.accuracy.classes import (
     AccuracyClass,
     Judgement,
@@ -314,11 +314,14 @@ def _too_few(step: Step, count: int, required: int) -> str:
     return f'Step {step.name} has {count} weighings, {required} are required.'
 
 
-def plan_departures(plan: Plan) -> Iterator[str]:
+def plan_departures(plan: Plan, load_cell: LoadCell | None = None) -> Iterator[str]:
     """Yield a sentence for each departure from the rules that a verification by a plan will have.
 
     If there is one, the verdict is not 'passed', even if each step is within its limits.
+    `load_cell` is the load cell of the line, or None if it is not known.
     """
+    if load_cell is not None:
+        yield from _foreign_device(plan, load_cell)
     yield from _missing_tests(plan)
     for step in steps_of(plan):
         if step.count < _required(step):
@@ -357,10 +360,19 @@ def _step_departures(procedure: Procedure, results: Sequence[Result]) -> Iterato
 def _foreign_cell(procedure: Procedure) -> Iterator[str]:
     """Yield a sentence if the load cell is not that of the plan, or not calibrated as in the log.
 
-    The samples contain the serial number of the load cell or, if it is digital, of its amplifier.
     The calibration in the samples is compared with that in the audit log.
     """
-    plan, own = procedure.plan, procedure.load_cell
+    yield from _foreign_device(procedure.plan, procedure.load_cell)
+    calibration = procedure.identity.get('audit_log_calibration')
+    if calibration not in (None, digest_of(asdict(procedure.load_cell))):
+        yield 'The samples have another calibration than the audit log of the machine.'
+
+
+def _foreign_device(plan: Plan, own: LoadCell) -> Iterator[str]:
+    """Yield a sentence if a load cell is not that of the plan.
+
+    The serial number is that of the load cell or, if it is digital, of its amplifier.
+    """
     planned = [str(each.get('serial', '')) for each in (plan.load_cell, plan.amplifier)]
     if own.serial_number not in filter(None, planned):
         named = f'{own.model} {own.serial_number}'.strip() or 'a device without a serial number'
@@ -368,9 +380,6 @@ def _foreign_cell(procedure: Procedure) -> Iterator[str]:
             f'The samples are from {named}, but the plan has load cell {planned[0] or "?"} and '
             f'amplifier {planned[1] or "?"}.'
         )
-    calibration = procedure.identity.get('audit_log_calibration')
-    if calibration not in (None, digest_of(asdict(procedure.load_cell))):
-        yield 'The samples have another calibration than the audit log of the machine.'
 
 
 def _load_departures(plan: Plan) -> Iterator[str]:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import math
 from typing import NamedTuple
 
-from checkweigher_validation.verification.evaluation import COVERAGE
+from checkweigher_validation.verification.evaluation import COVERAGE, ZERO_ACCURACY
 from checkweigher_validation.verification.plan import MINUTE, Plan
 from checkweigher_validation.verification.steps import Step, StepKind, steps_of
 
@@ -26,15 +26,17 @@ class Expected(NamedTuple):
         return self.uncertainty <= self.limit
 
 
-def expected_uncertainties(plan: Plan, std_dev: float) -> Iterator[Expected]:
-    """Yield the expected uncertainty of each step that has a load and an error limit.
+def expected_uncertainties(plan: Plan, std_dev: float, zero: float = 0.0) -> Iterator[Expected]:
+    """Yield the expected uncertainty of the first zero, and of each load that has an error limit.
 
-    The uncertainty combines that of the reference mass and, for passes, the standard deviation of
-    their mean error. `std_dev` is the standard deviation of the error of a single pass in kg, or 0
-    if it is not known.
+    The uncertainty of a load combines that of the reference mass and, for passes, the standard
+    deviation of their mean error. `std_dev` is the standard deviation of the error of a single pass
+    in kg, and `zero` is that of a zero that an operator sets. Each is 0 if it is not known.
     """
     own = plan.accuracy_class
     for step in steps_of(plan):
+        if step.kind is StepKind.ZEROING:
+            yield Expected(step, COVERAGE * zero, ZERO_ACCURACY * own.interval)
         if step.load is None or step.kind in _NO_ERROR:
             continue
         scatter = 0.0 if step.at_rest else std_dev / math.sqrt(step.count)

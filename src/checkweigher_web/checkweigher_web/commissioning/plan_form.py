@@ -3,13 +3,15 @@
 """Form for a verification plan. A change in the form changes the text of the plan."""
 
 from collections.abc import Iterable, Iterator, Mapping
+from functools import reduce
+import json
 import math
 from typing import Any, NamedTuple
 
 import yaml
 
 from checkweigher_core.parameters import ParameterError
-from checkweigher_core.records import GRAMS
+from checkweigher_core.records import GRAMS, LoadCell
 from checkweigher_core.settings_files import plain
 from checkweigher_core.yaml_files import opened
 from checkweigher_validation.accuracy.classes import CLASSES
@@ -57,6 +59,8 @@ _OF_MASS = (
     ('serial', Text('serial number')),
 )
 _NUMBERS = 'factor', 'passes'
+# Keys of the values that the person of each verification must know, so that no example fits.
+_OWN = 'operator', 'place', 'environment', 'certificate', 'serial'
 # Distance in m from one product to the next if no passes were recorded.
 _SPACING = 1.0
 # Labels of the tests that a plan may omit, by the keys of their sections.
@@ -68,6 +72,37 @@ TESTS = {
     'repeatability': Text('Repeatability'),
     'static': Text('Masses at rest'),
 }
+
+
+class LineFacts(NamedTuple):
+    """Facts about a line from which the result of a plan is predicted.
+
+    Attributes
+    ----------
+    load_cell : LoadCell or None
+        Load cell, or None if it is not known.
+    std_dev : float
+        Standard deviation in kg of the mass in one pass, or 0 if it is not known.
+    zero_std_dev : float
+        Standard deviation in kg of a zero that an operator sets, or 0 if it is not known.
+    spacing : float
+        Recorded distance in m from one product to the next, or NaN if it is not known.
+    """
+
+    load_cell: LoadCell | None = None
+    std_dev: float = 0.0
+    zero_std_dev: float = 0.0
+    spacing: float = math.nan
+
+
+def new_plan(operator: str, load_cell: LoadCell | None) -> str:
+    """Return the example plan for an operator, with the load cell of the line if it is known."""
+    text, example = EXAMPLE, read_plan(EXAMPLE)
+    serial = '' if load_cell is None else load_cell.serial_number
+    for before, value in ((example.operator, operator), (example.load_cell['serial'], serial)):
+        if value:  # Replace the text of the value, because the comments of the plan must stay.
+            text = text.replace(f': {before}\n', f': {json.dumps(value)}\n')
+    return text
 
 
 def fields_of(text: str, say: Language = ENGLISH) -> list[tuple[Field, str]]:
@@ -132,13 +167,9 @@ def _fitted(section: Any, loads: Iterable[str], load: str, speed: float) -> Any:
     return {key: own.get(key, value) for key, value in section.items()}
 
 
-def summary(
-    text: str, std_dev: float, spacing: float = math.nan
-) -> tuple[Text, list[tuple[Text, str]], list[Text]]:
+def summary(text: str, known: LineFacts) -> tuple[Text, list[tuple[Text, str]], list[Text]]:
     """Return a summary of a plan, its steps as rows, and lines on what its verdict will lack.
 
-    `std_dev` is the standard deviation in kg of the mass in one pass, or 0 if it is not known.
-    `spacing` is the recorded distance in m from one product to the next, or NaN if it is not known.
     If the plan is not valid, the summary is the error, and there are no rows or lines.
     """
     try:
@@ -147,8 +178,8 @@ def summary(
         return Text('The plan is not complete: {error}', error=str(error)), [], []
     steps = steps_of(plan)
     rows = [(step_words(step.name), _to_do(step)) for step in steps]
-    is_known = math.isfinite(spacing)
-    spacing = spacing if is_known else _SPACING
+    is_known = math.isfinite(known.spacing)
+    spacing = known.spacing if is_known else _SPACING
     line = Text(
         'Steps: {steps}, passes: {passes}, duration: at least {minutes} min, with {spacing} cm '
         'from one product to the next ({source}), and without the time to place loads and to set '
@@ -160,9 +191,23 @@ def summary(
         source=Text('as recorded') if is_known else Text('assumed'),
     )
     departures = (
-        Text('This plan cannot pass: {why}', why=from_node(each)) for each in plan_departures(plan)
+        Text('This plan cannot pass: {why}', why=from_node(each))
+        for each in plan_departures(plan, known.load_cell)
     )
-    return line, rows, [*departures, *_doubts(expected_uncertainties(plan, std_dev))]
+    expected = expected_uncertainties(plan, known.std_dev, known.zero_std_dev)
+    return line, rows, [*_as_in_example(text), *departures, *_doubts(expected)]
+
+
+def _as_in_example(text: str) -> Iterator[Text]:
+    """Yield a line with the fields whose values are still those of the example, if any are."""
+    example = dict(fields_of(EXAMPLE))
+    names = [
+        field.label
+        for field, value in fields_of(text)
+        if field.path[-1] in _OWN and value == example.get(field)
+    ]
+    if names:
+        yield Text('Still as in the example plan: {fields}', fields=_listed(names))
 
 
 def _to_do(step: Step) -> str:
@@ -184,10 +229,11 @@ def _doubts(expected: Iterable[Expected]) -> Iterator[Text]:
             )
             names.setdefault(why, []).append(step_words(each.step.name))
     for why, steps in names.items():
-        listed = steps[0]
-        for step in steps[1:]:
-            listed = Text('{steps}, {step}', steps=listed, step=step)
-        yield Text('Cannot be decided, because {why}: {steps}', why=why, steps=listed)
+        yield Text('Cannot be decided, because {why}: {steps}', why=why, steps=_listed(steps))
+
+
+def _listed(texts: Iterable[Text]) -> Text:
+    return reduce(lambda listed, text: Text('{steps}, {step}', steps=listed, step=text), texts)
 
 
 def _three_digits(mass: float) -> Mass:

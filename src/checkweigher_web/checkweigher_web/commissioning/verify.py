@@ -15,7 +15,7 @@ from checkweigher_core.input_files import read_input
 from checkweigher_core.parameters import ParameterError
 from checkweigher_core.records import ProgressState, StepAnswer, VerificationProgress
 from checkweigher_core.ros import ports
-from checkweigher_validation.verification.plan import EXAMPLE, LONGEST, PLANS, VERIFICATIONS
+from checkweigher_validation.verification.plan import LONGEST, PLANS, VERIFICATIONS
 from checkweigher_web.commissioning.coverage import (
     Recorded,
     lines_of,
@@ -27,8 +27,10 @@ from checkweigher_web.commissioning.coverage import (
 from checkweigher_web.commissioning.plan_form import (
     TESTS,
     Field,
+    LineFacts,
     chosen_tests,
     fields_of,
+    new_plan,
     step_words,
     summary,
     with_test,
@@ -74,6 +76,7 @@ class VerifyStep(Step):
         say = self.say
         self._said: VerificationProgress | None = None
         self._known: tuple[Recorded, ...] = ()  # recorded passes
+        self._zero = self.lane.zero  # latest zero that an operator has set
         self._paths: dict[str, Path] = {}  # plan files, by path in `VerificationProgress.folder`
         self._found = ui.label('').classes('found').props('role=status')
         self._doubts = named(Lines().classes('lines doubts'), say('cannot be decided'))
@@ -92,7 +95,10 @@ class VerifyStep(Step):
             self._table = Table((say('step'), say('what to do, or the result')))
         self._reports = ui.element('ol').classes('reports')
         named(self._reports, say('reports'))
-        self._show_text(EXAMPLE)
+        self._show_text(self._new_plan())
+
+    def _new_plan(self) -> str:
+        return new_plan(self.desk.person, self.lane.load_cell)
 
     def standing(self) -> Standing:
         """Return whether the last verification has passed, and a text with its verdict.
@@ -114,7 +120,7 @@ class VerifyStep(Step):
         name = str(self._plans.value)
         try:
             path = self._paths.get(name)
-            self._show_text(EXAMPLE if path is None else read_input(path).decode('utf-8'))
+            self._show_text(self._new_plan() if path is None else read_input(path).decode('utf-8'))
         except (OSError, UnicodeDecodeError) as error:
             self.tell(Outcome(False, f'{name}: {error}'))
 
@@ -167,24 +173,27 @@ class VerifyStep(Step):
 
     def _show_summary(self) -> None:
         known = self._known
-        line, rows, doubts = summary(self.desk.plan, self._std_dev(), usual_spacing(known))
+        line, rows, doubts = summary(self.desk.plan, self._facts())
         doubts += lines_of(not_covered(known, loads_of(self.desk.plan))) if known else []
         self._found.set_text(self.say(line))
         self._doubts.show(map(self.say, doubts))
         self._doubts.set_visibility(bool(doubts))
         self._table.show([self.say(step), told(to_do, self.say)] for step, to_do in rows)
 
-    def _std_dev(self) -> float:
-        """Return the median standard deviation in kg of the latest masses, or 0 without masses."""
-        estimates = (item.estimate for item in self.lane.items()[:_RECENT])
+    def _facts(self) -> LineFacts:
+        """Return the facts about the line. The mass has the median deviation of the latest ones."""
+        lane = self.lane
+        estimates = (item.estimate for item in lane.items()[:_RECENT])
         known = [each.std_dev for each in estimates if each and math.isfinite(each.std_dev)]
-        return median(known) if known else 0.0
+        zero = self._zero.std_dev if self._zero else 0.0
+        spacing = usual_spacing(self._known)
+        return LineFacts(lane.load_cell, median(known) if known else 0.0, zero, spacing)
 
     # Procedure
 
     async def update(self) -> None:
-        """Show the progress of the verification, and check the plan again after new passes."""
-        await self._show_recorded()
+        """Show the progress, and check the plan again after new passes and after a new zero."""
+        await self._check_again()
         said, before = self.services.verification, self._said
         if said is None or said is before:
             return
@@ -200,10 +209,10 @@ class VerifyStep(Step):
             if is_idle:
                 self._show_choices(Path(said.folder))
 
-    async def _show_recorded(self) -> None:
-        known = await recorded(self.services)
-        if known != self._known and not self._state.is_deleted:
-            self._known = known
+    async def _check_again(self) -> None:
+        now = await recorded(self.services), self.lane.zero
+        if now != (self._known, self._zero) and not self._state.is_deleted:
+            self._known, self._zero = now
             self._show_summary()
 
     def _show_results(self, said: VerificationProgress) -> None:

@@ -95,6 +95,11 @@ _MESSAGES = (
         'Reference {name} has an uncertainty of {mass} (k = 2), above a third of the limit, '
         '{limit_mass}.'
     ),
+    Text(
+        'The samples are from {device}, but the plan has load cell {cell} and amplifier '
+        '{amplifier}.'
+    ),
+    Text('a device without a serial number'),
     Text('skipped: {reason}'),
     Text('{name}: passed'),
     Text('{name}: failed'),

@@ -27,7 +27,8 @@ _REASON = 'practice'  # reason in the audit log
 _TEXT = Text(
     'These are the switches of a machine that is simulated. Commission it with them; then make a '
     'fault, and find it on this page. A change takes up to two seconds. It holds until it is taken '
-    'back, or until the driver is started again. An empty field is as configured.'
+    'back, or until the driver is started again. An empty field is as configured. The belt always '
+    'runs, and its width is not simulated: products for the test of eccentricity pass as always.'
 )
 # Largest displacement of an eye in mm.
 _FARTHEST = 60

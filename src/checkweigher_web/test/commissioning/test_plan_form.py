@@ -1,14 +1,19 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
+from dataclasses import replace
+
 import pytest
 import yaml
 
+from checkweigher_core.records import LoadCell
 from checkweigher_validation.verification.plan import EXAMPLE, read_plan
 from checkweigher_validation.verification.steps import steps_of
 from checkweigher_web.commissioning.plan_form import (
     TESTS,
+    LineFacts,
     chosen_tests,
     fields_of,
+    new_plan,
     step_words,
     summary,
     with_test,
@@ -64,11 +69,24 @@ def test_a_test_is_left_out_and_taken_in_again(key: str):
     assert len(steps_of(read_plan(again))) == len(steps_of(read_plan(EXAMPLE)))
 
 
+def own_plan() -> str:
+    """Return the example plan with other persons, places, certificates and serial numbers."""
+    text = EXAMPLE
+    for field, value in fields_of(EXAMPLE):
+        if field.path[-1] in ('operator', 'place', 'environment', 'certificate', 'serial'):
+            text = with_value(text, field.path, f'own {value}')
+    return text
+
+
+OWN = own_plan()
+CELL = LoadCell(960.0, 5e5, 0.0, -(2**23), 2**23, 7.2, 0.2, 'LC', '007')
+
+
 def test_a_plan_says_what_cannot_be_decided():
-    text = with_value(EXAMPLE, ('references', 'small', 'uncertainty_g'), '0.1')
-    line, rows, doubts = summary(text, 0.0)
+    text = with_value(OWN, ('references', 'small', 'uncertainty_g'), '0.1')
+    line, rows, doubts = summary(text, LineFacts())
     assert line.startswith(f'Steps: {len(rows)}, passes: 643, duration: at least 45 min, with 100 ')
-    assert 'at least 39 min, with 60 cm' in summary(text, 0.0, 0.6)[0]
+    assert 'at least 39 min, with 60 cm' in summary(text, LineFacts(spacing=0.6))[0]
     departure, doubt = doubts
     assert departure == (
         'This plan cannot pass: Reference small has an uncertainty of 0.2 g (k = 2), above a third '
@@ -76,23 +94,57 @@ def test_a_plan_says_what_cannot_be_decided():
     )
     assert doubt.startswith('Cannot be decided, because the error will be known to 0.2 g (k = 2)')
     assert 'small at 30 m/min, small at 60 m/min, small at rest, loading' in doubt
-    assert summary(EXAMPLE, 0.0)[2] == []
+    assert summary(OWN, LineFacts())[2] == []
     # The mean of 60 passes with a standard deviation of 1 g is known to 0.26 g (k = 2).
-    assert any('known to 0.258 g (k = 2)' in each for each in summary(EXAMPLE, 1e-3)[2])
-    line, rows, _ = summary('class: none', 0.0)
+    assert any(
+        'known to 0.258 g (k = 2)' in each for each in summary(OWN, LineFacts(std_dev=1e-3))[2]
+    )
+    line, rows, _ = summary('class: none', LineFacts())
     assert line.startswith('The plan is not complete: line 1')
     assert rows == []
 
 
 def test_a_plan_says_why_it_cannot_pass():
-    assert summary(EXAMPLE, 0.0)[2] == []
-    short = with_test(with_value(EXAMPLE, ('passes',), '10'), 'warm_up', made=False)
-    lines = summary(with_value(short, ('max_g',), '700'), 0.0)[2]
+    assert summary(OWN, LineFacts())[2] == []
+    short = with_test(with_value(OWN, ('passes',), '10'), 'warm_up', made=False)
+    lines = summary(with_value(short, ('max_g',), '700'), LineFacts())[2]
     assert lines[0] == 'This plan cannot pass: The plan has no test of warm-up.'
     assert 'This plan cannot pass: Step passes_30_small has 10 weighings, 60 are required.' in lines
     assert 'This plan cannot pass: No load in motion is close to Max, 700 g.' in lines
     german = language('de', 'kg')
     assert 'Keine Last in Bewegung ist nahe bei Max, 0,7 kg.' in '; '.join(map(german, lines))
+
+
+def test_a_new_plan_is_that_of_its_operator_and_line():
+    text = new_plan('Eve: B', CELL)
+    plan = read_plan(text)
+    assert (plan.operator, plan.load_cell['serial']) == ('Eve: B', '007')
+    assert '# standard uncertainty, from the certificate' in text
+    assert new_plan('', None) == new_plan('', replace(CELL, serial_number='')) == EXAMPLE
+    line = summary(text, LineFacts(CELL))[2][0]
+    assert line.startswith('Still as in the example plan: Place, Temperature, humidity, pressure, ')
+    assert line.endswith(', large: serial number')
+    assert 'Who verifies' not in line
+    assert 'load cell' not in line
+
+
+def test_a_plan_for_another_load_cell_cannot_pass():
+    (line,) = summary(OWN, LineFacts(CELL))[2]
+    assert line == (
+        'This plan cannot pass: The samples are from LC 007, but the plan has load cell own '
+        'LC-0001 and amplifier own AD-0001.'
+    )
+    assert language('de', 'g')(line).startswith('Dieser Plan kann nicht zu „bestanden“ führen: Die')
+    assert summary(with_value(OWN, ('amplifier', 'serial'), '007'), LineFacts(CELL))[2] == []
+
+
+def test_a_plan_says_that_the_first_zero_cannot_be_decided():
+    assert summary(OWN, LineFacts(zero_std_dev=12e-6))[2] == []
+    (line,) = summary(OWN, LineFacts(zero_std_dev=30e-6))[2]
+    assert line == (
+        'Cannot be decided, because the error will be known to 0.06 g (k = 2), and its limit is '
+        '0.025 g: zero, reading 1'
+    )
 
 
 def test_a_plan_for_light_prepackages_has_no_heavy_ones():
