@@ -24,7 +24,7 @@ from checkweigher_gateways import KINDS
 from checkweigher_gateways.listening import Intake, Taken
 from checkweigher_gateways.settings import GatewaySettings, read_gateways
 
-_POLL_PERIOD = 0.05  # time in s between two calls of `Gateway.turn`
+_POLL_PERIOD = 0.05  # pause in s after each call of `Gateway.turn`
 
 
 class GatewayError(ValueError):
@@ -72,7 +72,7 @@ class Gateway:
 
 
 def serve(kind: str, settings: GatewaySettings, namespace: str | None = None) -> None:
-    """Run a gateway until KeyboardInterrupt, or until the ROS context is shut down.
+    """Run a gateway until KeyboardInterrupt is raised, or until the ROS context is shut down.
 
     Parameters
     ----------
@@ -116,7 +116,10 @@ async def _run(kind: str, gateway: Gateway, spinner: Spinner, namespace: str | N
 
 
 def main() -> None:
-    """Run a gateway with the options of the command line."""
+    """Run the gateway of the kind that the command line names, with the options given there.
+
+    If the gateway cannot start, the reason is printed, and the process exits with status 2.
+    """
     parser = argparse.ArgumentParser('gateway')
     parser.add_argument('kind', choices=KINDS)
     parser.add_argument('--settings', type=Path)

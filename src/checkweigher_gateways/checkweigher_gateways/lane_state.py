@@ -41,10 +41,11 @@ class PackState(IntEnum):
 class LaneState:
     """Latest records and diagnostics of a lane.
 
-    A record is None until it is received. Until then, `alarms` is empty and `zero` is NaN. `stop`
-    is also None while no stop is requested. `zero` is the zero of the belt relative to the
-    calibration, in kg. `is_active` is false if the latest diagnostics of the driver report that the
-    driver is inactive, and true before the first diagnostics.
+    A record is None until it is received. `stop` is also None while no stop is requested. `alarms`
+    is empty until the first alarms are received. `zero` is the zero of the belt relative to the
+    calibration, in kg. It is NaN before the first diagnostics of the segmenter, and if the latest
+    ones do not contain it. `is_active` is false if the latest diagnostics of the driver report that
+    the driver is inactive, and true before the first diagnostics.
     """
 
     name: str
@@ -72,7 +73,10 @@ class LaneState:
         return PackState.ABORTED if trouble else PackState.HELD
 
     def deviation(self, verdict: Verdict) -> float:
-        """Return the mass of an item minus its nominal mass in kg, NaN if either is unknown."""
+        """Return the mass of an item minus the nominal mass in kg, NaN if either is unknown.
+
+        The nominal mass is that of the product that is on the line at present.
+        """
         product = self.product
         known = product is not None and product.nominal > 0
         return verdict.mass - product.nominal if known and product is not None else math.nan

@@ -17,12 +17,15 @@ from checkweigher_core.ros.ports import Port
 from checkweigher_core.ros.spinner import Spinner
 
 LIMIT = 10_000  # largest number of waiting records, as many as a fast lane sends in 10 minutes
-_LOOK_PERIOD = 0.5  # time in s between two searches for lanes
+_LOOK_PERIOD = 0.5  # shortest time in s between two searches for lanes
 _STANDSTILL = 10.0  # time in s without a search after which the gateway counts as hung
 
 
 class Taken(NamedTuple):
-    """Record of a port, with the namespace of its lane, which is empty for /diagnostics."""
+    """Record that was received from a port, with the namespace of its lane.
+
+    The namespace is empty for /diagnostics, and for a lane without a namespace.
+    """
 
     lane: str
     port: Port
@@ -88,7 +91,10 @@ class Intake:
         spinner.add(board)
 
     def drain(self) -> Iterator[Taken]:
-        """Search for new lanes at most twice a second, and yield the waiting records in order."""
+        """Search for new lanes at most twice a second, and yield the waiting records.
+
+        The records are removed from the queue, and yielded in the order in which they arrived.
+        """
         now = time.monotonic()
         if now - self._looked > _LOOK_PERIOD:
             self._looked = now

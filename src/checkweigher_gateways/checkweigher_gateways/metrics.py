@@ -28,8 +28,11 @@ DEVIATIONS = [
     for sign, sizes in ((-1, (100, 50, 30, 20, 15, 10, 5, 2)), (1, (0, 2, 5, 10, 20, 30, 50, 100)))
     for each in sizes
 ]
-_UNKNOWN = 'Unknown'  # label of all unknown reasons, because labels must be few.
-# Metrics of diagnostics by node, aspect and key: name, help text, and factor to the unit.
+# Label of all reasons that are not in `Reason`. Prometheus stores a time series for each label, so
+# the number of labels must not depend on the messages.
+_UNKNOWN = 'Unknown'
+# Name and help text of the metric for a value in the diagnostics, and factor that converts the
+# value to the unit of the metric, by the node, the aspect and the key of the value.
 _FIGURES = {
     ('segmenter', 'Zero', 'from_calibration_g'): (
         'checkweigher_zero_offset_grams', 'Zero of the belt relative to the calibration.', 1.0),
@@ -133,7 +136,10 @@ class Metrics(Gateway):
         return f'http{"s" * tls}://{its.host}:{self._server.server_port}/metrics'
 
     async def take(self, taken: Taken) -> None:
-        """Update the metrics with a record."""
+        """Update the metrics with a record of a lane, or with diagnostics.
+
+        A record that no metric describes is ignored.
+        """
         lane, record = taken.lane, taken.record
         match record:
             case Verdict():

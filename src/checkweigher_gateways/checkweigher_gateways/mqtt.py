@@ -35,8 +35,8 @@ from checkweigher_web.work.services import Person, Workshop
 
 _KEEPALIVE = 10  # keep-alive interval of the connection in s
 _RETRY = 1.0  # delay in s before the next attempt to connect
-_WINDOW = 100  # largest number of items that the broker has not confirmed
-_FAREWELL = 1.0  # longest wait in s for the last message of a session
+_WINDOW = 100  # largest number of published items that the broker has not confirmed yet
+_FAREWELL = 1.0  # longest wait in s until the broker confirms the death message
 _MARK_PATIENCE = 1.0  # longest wait in s for the retained message `delivered`
 _MILLISECOND = NANOSECONDS // 1000
 # Verdict in the birth message of a lane from which no verdict has been received yet.
@@ -50,8 +50,8 @@ class MqttGateway(Gateway):
     The threads of paho only put events into a queue. Each connection has its own client, because
     the Sparkplug will of each connection contains a different number, bdSeq. An item is stored
     before it is published, and marked as sent when the broker has confirmed it. The retained
-    message ``delivered`` (the mark) contains the number of the last item that the broker has
-    received.
+    message ``delivered`` (the mark) contains the identity of the store, and the number of the last
+    item that the broker has received.
     """
 
     kept: ClassVar[bool] = True
@@ -62,12 +62,15 @@ class MqttGateway(Gateway):
         self._events: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
         self._client: Client | None = None
         self._edge: EdgeNode | None = None
-        self._asked = False  # whether the broker may have the will of the edge node
+        # Whether the broker may have received the will of the edge node. The next connection then
+        # needs an edge node with a new bdSeq.
+        self._asked = False
         self._password: str | None = None
         self._trouble = 'not connected yet'
         self._retry_at = 0.0  # monotonic time in s of the next attempt to connect
-        self._ready_at = math.inf  # monotonic time in s from which items may be sent
-        self._born = 0  # time in ns of the latest birth message
+        # Monotonic time in s from which items may be sent, infinite without a connection.
+        self._ready_at = math.inf
+        self._born = 0  # time in ns since 1970 of the latest birth message, 0 before the first
         self._sent = 0
         self._confirmations: dict[int, int] = {}
         self._shown: dict[str, dict[str, object]] = {}
@@ -140,7 +143,11 @@ class MqttGateway(Gateway):
             self._store.add(key, lane, json.dumps(_body(self._states.of(lane), verdict)))
 
     async def turn(self) -> None:
-        """Process the events of the connection, and publish changed states and waiting items."""
+        """Process the events of the connection, and publish changed states and waiting items.
+
+        Before items are published, the new items are written to the disk. If the connection is
+        lost, a new one is attempted after `_RETRY` s.
+        """
         with suppress(queue.Empty):
             while True:
                 self._process(*self._events.get_nowait())
@@ -163,7 +170,7 @@ class MqttGateway(Gateway):
             case 'failed' | 'ended':
                 lost = 'no connection' if event == 'failed' else f'connection lost: {value}'
                 self._trouble = self._trouble or lost
-                # Discard the client, because a client does not reconnect.
+                # Discard the client, because each connection needs a new client.
                 self._ready_at, self._client = math.inf, None
                 self._retry_at = time.monotonic() + _RETRY
             case 'confirmed':
@@ -328,7 +335,7 @@ class MqttGateway(Gateway):
             if self._edge is not None:
                 death = self._edge.death(time.time_ns() // _MILLISECOND)
             sent = client.publish(*death, qos=1, retain=self._edge is None)
-            with suppress(RuntimeError, ValueError):  # the connection is lost
+            with suppress(RuntimeError, ValueError):  # raised if the connection is lost
                 sent.wait_for_publish(_FAREWELL)
             client.disconnect()
         self._store.close()
@@ -373,7 +380,7 @@ def _item_metrics(body: dict[str, Any]) -> dict[str, object]:
     }
 
 
-# Names of the Sparkplug metrics, by the names of the values of a lane state.
+# Name of the Sparkplug metric for each value that `_state` returns.
 _WORDS = {
     'state': 'State',
     'stop_reason': 'Stop/Reason',

@@ -36,7 +36,8 @@ _POLICIES = [
     for policy in ('Basic256Sha256', 'Aes128Sha256RsaOaep', 'Aes256Sha256RsaPss')
     for mode in ('Sign', 'SignAndEncrypt')
 ]
-# Node numbers of the methods of condition types.
+# Numbers, in namespace 0, of the OPC UA methods Acknowledge, ConditionRefresh, ConditionRefresh2,
+# Enable, Disable, AddComment and Confirm of conditions.
 _ACKNOWLEDGE, _REFRESH = 9111, (3875, 12912)
 _ENABLE, _DISABLE, _COMMENT, _CONFIRM = 9027, 9028, 9029, 9113
 
@@ -211,7 +212,8 @@ class OpcuaGateway(Gateway):
         return Workshop(self.intake.spinner, 'gateway_opcua_work')
 
     async def _show_products(self, lane: str) -> None:
-        with suppress(ActionRefusedError):  # the lane has no recipes
+        # Raised if the lane has no valid recipe file, or if its node `product` does not answer.
+        with suppress(ActionRefusedError):
             products = await actions.products(await self._workshop.of(lane))
             await self._lanes[lane].show_products(products)
 

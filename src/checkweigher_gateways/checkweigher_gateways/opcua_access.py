@@ -97,7 +97,11 @@ class _Processor(UaProcessor):
         return await super()._process_message(typeid, header, sequence, body)
 
     async def _check(self, header: Any, body: Any) -> Caller | None:
-        """Return the user who activates a session, or None for no user name or a wrong password."""
+        """Return the user who activates a session.
+
+        Returns None if the session is unknown, if the request has no user name, or if `Users.check`
+        refuses the login.
+        """
         token = struct_from_binary(ua.ActivateSessionParameters, body).UserIdentityToken
         session = self.session or self.iserver.lookup_external_session(header.AuthenticationToken)
         if session is None or not isinstance(token, ua.UserNameIdentityToken):
@@ -114,9 +118,15 @@ binary_server_asyncio.UaProcessor = _Processor
 
 
 class Rights(SimpleRoleRuleset):
-    """Rights of all users to read, browse, subscribe and call. Each method checks the role."""
+    """Rights of all users to read, browse, subscribe and call methods.
+
+    Each method itself checks the role of its caller.
+    """
 
     def check_validity(self, user: Any, action_type_id: Any, body: Any) -> bool:
-        """Return whether a user may send a request, and store the user for its methods."""
+        """Return whether a user may send a request, and store the user in `CALLER`.
+
+        The method that the request calls, if any, reads the user there.
+        """
         CALLER.set(user if isinstance(user, Caller) else None)
         return bool(super().check_validity(user, action_type_id, body))

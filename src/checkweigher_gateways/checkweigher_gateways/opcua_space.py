@@ -39,7 +39,7 @@ _KEPT = {
     'TotalPackagesAccepted', 'TotalPackagesRejected', 'TotalPackagesWeighed', 'Underload',
     'Weighed', 'WeightId',
 }  # fmt: skip
-# Name of the reject counter of each reason.
+# Last part of the name of the reject counter (after PackagesRejectedBy), by reason.
 _COUNTERS = {
     Reason.DISTANCE_FAULT: 'DistanceFault',
     Reason.MEAN_VALUE_REQUIREMENT: 'MeanValueRequirement',
@@ -55,7 +55,8 @@ _KILOGRAM = ua.EUInformation(
 _METRE = ua.EUInformation(
     _KILOGRAM.NamespaceUri, 5067858, ua.LocalizedText('m'), ua.LocalizedText('metre')
 )
-# States of the three nested PackML state machines, from the outermost to the innermost.
+# States of the three nested PackML state machines, from the outermost to the innermost. The name of
+# the state is empty if the machine is not in any state.
 _STATES = {
     PackState.STOPPED: ('Cleared', 'Stopped', ''),
     PackState.EXECUTE: ('Cleared', 'Running', 'Execute'),
@@ -80,7 +81,11 @@ def _time(stamp: int | None) -> datetime | None:
 
 
 class LaneSpace:
-    """Nodes of a lane. The identifier of a node is the path of its browse names."""
+    """Nodes of a lane.
+
+    The identifier of a node consists of the lane name and the browse names that lead to the node,
+    separated by dots. The lane name is ``lane`` for a lane without a namespace.
+    """
 
     def __init__(self, server: Server, spaces: Namespaces, state: LaneState) -> None:
         self._server, self._spaces, self._state = server, spaces, state
@@ -169,7 +174,11 @@ class LaneSpace:
     async def add_method(
         self, path: str, call: Call, *arguments: str, space: int | None = None
     ) -> None:
-        """Add a method with string arguments, or implement an existing method."""
+        """Let `call` implement the method at a path, which is added if it does not exist.
+
+        A new method has string arguments with the names `arguments`. `space` is the namespace index
+        of its browse name, by default that of the Scales model.
+        """
         parent, _, name = path.rpartition('.')
         if self._id(path) in self._server.iserver.aspace:
             self._server.link_method(self._node(path), call)
@@ -183,7 +192,12 @@ class LaneSpace:
         )
 
     async def _set(self, path: str, value: Any, stamp: int | None = None) -> None:
-        """Write a value. Without a `stamp` in ns, the value is written only if it has changed."""
+        """Write the value of a variable, with the time `stamp` in ns or the present time.
+
+        Without a `stamp`, the value is written only if it has changed. With a `stamp`, it is also
+        added to the history of the variables in `_RECORDED`. A variable that does not exist is
+        ignored.
+        """
         if stamp is None and self._values.get(path) == value:
             return
         self._values[path] = value
@@ -227,7 +241,7 @@ class LaneSpace:
             for path, value in (('Range', span), ('ActualScaleInterval', interval)):
                 await self._set(f'WeighingRange1.{path}', value)
                 await self._set(f'WeighingRange1.{path}.EngineeringUnits', _KILOGRAM)
-            # Nothing here is type-approved, so there is no verification scale interval.
+            # The checkweigher is not type-approved, so it has no verification scale interval.
             await self._set('WeighingRange1.VerificationScaleInterval', math.nan)
             for path in ('CurrentWeight', 'RegisteredWeight'):
                 await self._set(f'{path}.EURange', span)
@@ -254,7 +268,11 @@ class LaneSpace:
             await self.say(f'item {verdict.item_id}: {reasons}', reasons, stamp)
 
     async def say(self, text: str, reason: str = '', stamp: int | None = None) -> None:
-        """Send an event of the lane with a text, the reasons of a reject, and a stamp in ns."""
+        """Send an event of the lane with a text.
+
+        `reason` contains the reasons of a reject, and is empty for other events. The time of the
+        event is `stamp` in ns, or the present time if `stamp` is None.
+        """
         event = self._events.event
         event.Message = ua.LocalizedText(text)
         event.VendorNotificationId = reason
@@ -289,7 +307,10 @@ class LaneSpace:
         self._products = dict(products)
 
     async def _count(self, statistics: Statistics) -> None:
-        """Update the name of the product on the line and, if its nodes exist, its counters."""
+        """Update the name of the product on the line, and the percentage of items below TU1.
+
+        If the product has nodes, its batch name and its counters are also updated.
+        """
         await self._set('ProductionPreset.CurrentProducts', [statistics.product])
         await self._set('TU1Percent', 100 * statistics.share_below_tu1)
         if statistics.product not in self._products:
@@ -322,7 +343,7 @@ class LaneSpace:
             await self._set(f'{path}.ItemCount', ua.Variant(max(count, 0), ua.VariantType.UInt32))
 
     async def show_alarms(self, alarms: Iterable[Alarm]) -> None:
-        """Send a condition event for each alarm that has changed or was removed."""
+        """Send a condition event for each alarm that was added, changed or removed."""
         now = {f'{each.source} {each.reason}': each for each in alarms}
         for name in self._alarms.keys() | now.keys():
             if self._alarms.get(name) != now.get(name):

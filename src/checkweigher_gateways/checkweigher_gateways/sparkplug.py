@@ -35,7 +35,7 @@ _VALUES = (
     ('boolean_value', 14, _BOOL),
     ('string_value', 15, _STRING),
 )
-# Sparkplug data type and payload field of each Python type.
+# Code of the Sparkplug data type, and name of the metric field for the value, by Python type.
 _TYPES: dict[type, tuple[int, str]] = {
     bool: (11, 'boolean_value'),
     int: (4, 'long_value'),
@@ -77,7 +77,7 @@ def encode(
     at: int | None = None,
     historical: bool = False,
 ) -> bytes:
-    """Return an encoded payload.
+    """Return the Sparkplug B payload of a message as bytes.
 
     Parameters
     ----------
@@ -110,7 +110,10 @@ def encode(
 
 
 def decode(data: bytes | bytearray) -> dict[str, Any]:
-    """Return the values of a payload by name, None for null. Raises ValueError if invalid."""
+    """Return the values of a payload by metric name, None for null.
+
+    Raises ValueError if the data are not a Sparkplug B payload.
+    """
     payload = Payload()
     try:
         payload.ParseFromString(bytes(data))
@@ -140,7 +143,10 @@ class EdgeNode:
         self._bd_seq, self._seq = bd_seq, 0
 
     def topic(self, kind: str, device: str = '') -> str:
-        """Return the topic of a kind of message, such as NBIRTH."""
+        """Return the topic of a kind of message, such as NBIRTH.
+
+        `device` is the topic level of a device, or empty for a message on the edge node itself.
+        """
         return '/'.join(filter(None, (NAMESPACE, self._group, kind, self._node, device)))
 
     def death(self, stamp: int) -> tuple[str, bytes]:

@@ -53,14 +53,20 @@ class Store:
         return None if found is None else str(found[0])
 
     def next_number(self, name: str, count: int) -> int:
-        """Return the next number of a sequence modulo `count`, after writing it to the disk."""
+        """Return the next number of a sequence modulo `count`, after writing it to the disk.
+
+        The first number of the sequence `name` is 0.
+        """
         number = (int(self._value(name) or -1) + 1) % count
         self._database.execute('INSERT OR REPLACE INTO state VALUES (?, ?)', [name, str(number)])
         self.commit()
         return number
 
     def add(self, key: str, lane: str, body: str) -> None:
-        """Add an item, unless its key is known."""
+        """Add an item, unless the file contains an item with the same key.
+
+        The item is on the disk after the next `commit`.
+        """
         added = self._database.execute(
             'INSERT OR IGNORE INTO items (key, lane, body) VALUES (?, ?, ?)', [key, lane, body]
         ).rowcount
@@ -72,7 +78,7 @@ class Store:
             self.waiting, self.dropped = self.waiting - 1, self.dropped + 1
 
     def commit(self) -> None:
-        """Write the added items to the disk."""
+        """Write the changes since the previous call to the disk."""
         self._database.commit()
 
     def _count(self) -> None:
@@ -88,7 +94,7 @@ class Store:
         )
 
     def have_sent(self, number: int) -> None:
-        """Mark the items up to a number as sent, and delete them except the latest `_KNOWN`."""
+        """Mark the items up to a number as sent, and delete all but the latest `_KNOWN` of them."""
         self._database.execute('UPDATE items SET sent = 1 WHERE sent = 0 AND number <= ?', [number])
         self._database.execute(
             'DELETE FROM items WHERE sent = 1 AND number <= ?', [number - _KNOWN]
