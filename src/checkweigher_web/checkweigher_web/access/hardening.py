@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Limits of the web server on slow requests, log lines, and pages without a browser."""
+"""Limits of the web server on slow requests, log lines, and pages without a socket."""
 
 import asyncio
 import logging
@@ -42,7 +42,7 @@ class PromptProtocol(HttpToolsProtocol):
 
 
 class LineHandler(logging.Handler):
-    """Log handler that writes a record as one line, and drops records within 1 s of this line.
+    """Log handler that writes a record as one line, and then drops all records for 1 s.
 
     Without this handler, malformed input could fill the log, because the server libraries log it
     with its line ends and with tracebacks.

@@ -50,7 +50,7 @@ def first_user(code: str) -> str:
 
 
 def logout_form(token: str, say: Language) -> str:
-    """Return the logout form as HTML."""
+    """Return the logout form as HTML. `token` is the token of the session that the form ends."""
     label = escape(say('Log out'))
     return (
         f'<form method="post" action="{LOGOUT}"><input type="hidden" name="token" '
@@ -86,10 +86,11 @@ class _Forms:
         return self.form(request, '')
 
     def form(self, request: Request, said: str, status: int = 200) -> Response:
-        """Return the login form with a message and a token.
+        """Return the login form with the message `said`, a token, and the HTTP status `status`.
 
         The browser must return the token in the form and as a cookie, so that no other web site can
-        send the form.
+        send the form. While there are no users, the form also asks for the code for the first user,
+        which is printed again in the terminal.
         """
         token = secrets.token_urlsafe(32)
         say = language_of(request.headers, request.cookies)
@@ -137,7 +138,8 @@ class _Forms:
         throttle, keys = self._access.throttle, keys_of(name, address)
         who = f'login of {one_line(name)!r} from {address}'
         if wait := throttle.wait(*keys):
-            # Limit the rate of this line, because repeated attempts could otherwise fill the log.
+            # Write this line at most once per second, because repeated attempts could otherwise
+            # fill the log.
             self._log.warning(
                 f'{who}: refused, {wait:.0f} s too soon after failures', throttle_duration_sec=1.0
             )

@@ -14,7 +14,10 @@ ABSOLUTE = 12 * 3600.0  # maximum duration of a session in s
 
 @dataclass
 class Session:
-    """Session of a user. A logout form must contain `token`."""
+    """Session of a user, who has logged in from the network address `address`.
+
+    `user` is the user as in the users file at the login. A logout form must contain `token`.
+    """
 
     user: User
     address: str

@@ -23,7 +23,7 @@ class PageError(ValueError):
 class Site:
     """Settings of the web server: address, TLS certificate, users, reverse proxy and idle time.
 
-    Without a certificate and its key, the server uses HTTP. Without a users file, the file is
+    Without a certificate and its key, the server uses HTTP. If `users` is None, the users file is
     `default_users()`.
     """
 
@@ -32,7 +32,7 @@ class Site:
     certificate: Path | None = None
     key: Path | None = None
     users: Path | None = None
-    origin: str = ''  # address https://NAME of a reverse proxy, or ''
+    origin: str = ''  # address https://NAME or https://NAME:PORT of a reverse proxy, or ''
     idle: float = 30.0  # time in min without use after which a session ends
 
     @property
@@ -71,8 +71,8 @@ class Site:
         """
         if self.origin:
             return host.lower() == urlsplit(self.origin).netloc
-        # The port is not compared, because an SSH tunnel may use another port. Browsers leave out
-        # the usual port of the scheme.
+        # Do not compare the port, because an SSH tunnel may use another port, and because browsers
+        # leave out the default port of HTTP and HTTPS.
         name = re.sub(r':\d*$', '', host).strip('[]')
         return not self.loopback or name in (self.host, 'localhost')
 

@@ -79,9 +79,9 @@ class User(Settings):
 def signing_key(path: Path, user: User, password: str) -> Ed25519PrivateKey:
     """Derive the private key for signatures of a user from the password, and return the key.
 
-    A new password gives a new key. The first call for a key adds its public key to the users file.
-    Raises `UsersError` if the user has been removed, and the errors of `read_users` and
-    `write_users`.
+    The caller must have checked the password. A new password gives a new key. The first call for a
+    key adds its public key to the users file. Raises `UsersError` if the user has been removed, and
+    the errors of `read_users` and `write_users`.
     """
     salt = hashlib.sha256(f'checkweigher signature {user.hash}'.encode()).digest()[:16]
     secret = unicodedata.normalize('NFC', password).encode()
@@ -104,7 +104,10 @@ class WrongPasswordError(SigningError):
 
 
 def least_role(meaning: str) -> Role:
-    """Return the lowest role of a user who may sign with a meaning, such as RELEASE."""
+    """Return the lowest role whose users may sign with a meaning.
+
+    This is TECHNICIAN for the meaning RELEASE, and OPERATOR for any other meaning.
+    """
     return Role.TECHNICIAN if meaning == RELEASE else Role.OPERATOR
 
 
@@ -207,7 +210,10 @@ def _read(path: Path) -> UsersFile:
 
 
 def _older(path: Path) -> UsersFile:
-    """Return the content of a file of format 1, which has a line NAME:ROLE:HASH for each user."""
+    """Return the content of a file of format 1, which has a line NAME:ROLE:HASH for each user.
+
+    Raises `UsersError` with the number of the line if a line is not valid.
+    """
     users: dict[str, User] = {}
     for number, line in enumerate(path.read_bytes().decode(errors='replace').splitlines(), 1):
         if line and not line.startswith('#'):
@@ -238,11 +244,11 @@ def write_users(path: Path, users: dict[str, User]) -> None:
 
 @contextmanager
 def changing_users(path: Path) -> Iterator[None]:
-    """Lock a users file during a block that reads and writes it.
+    """Lock a users file while the body of the ``with`` statement reads and writes it.
 
     Creates the folder of the file if it is missing and `path` is `default_users()`. Raises
-    `OutputError` if the folder of another file is missing, if the folder cannot be created or
-    locked, or if the block raises OSError.
+    `OutputError` if the folder of any other `path` is missing, if the folder cannot be created or
+    locked, or if the body raises OSError.
     """
     try:
         if path == default_users():
@@ -321,7 +327,10 @@ def remove_user(path: Path, name: str) -> None:
 
 @lru_cache(maxsize=1)
 def _users_at(path: Path, *state: int) -> dict[str, User]:
-    """Return the users of a file. The result is cached until `state` changes."""
+    """Return the users of a file.
+
+    Only the latest result is cached. It is returned again until `path` or `state` changes.
+    """
     return read_users(path)
 
 
