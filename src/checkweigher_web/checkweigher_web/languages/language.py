@@ -158,7 +158,8 @@ class Language:
 def language(name: str = _SOURCE, unit: str = 'g') -> Language:
     """Return a language, which all viewers with the same choice share.
 
-    The language is a part of the keys of caches, whose objects these viewers then also share.
+    Caches of texts and figures have the language in their keys. These viewers therefore also share
+    the cached objects.
     """
     return Language(name, unit)
 

@@ -12,8 +12,8 @@ from checkweigher_web.languages.language import Mass, Number, Text
 
 _MASS = re.compile(r'(-?\d+(?:\.\d+)?) kg\b')
 _NUMBER = re.compile(r'[-+]?\d+\.\d+')
-# Instructions for a technician, each by a regular expression that matches a part of the message
-# that it replaces.
+# Instructions for a technician, by regular expressions. An instruction replaces each message in
+# which its regular expression finds a match.
 _TEXTS = {
     r'no load was read': Text('Read the empty belt and a known mass first.'),
     r'a load is being read': Text('A load is being read: wait until that has ended.'),
@@ -157,7 +157,11 @@ def _pattern(text: Text) -> re.Pattern[str]:
 
 
 def _value(name: str, text: str) -> str | Mass:
-    """Return the value of a placeholder for a `Text`."""
+    """Return the value of the placeholder `name` for a `Text`, from its text in a message.
+
+    The value is a `Mass` if the name ends with 'mass', a `Number` for a decimal number, and
+    otherwise the result of `from_node`.
+    """
     if name.endswith('mass'):
         number, _, unit = text.partition(' ')
         return Mass(float(number) / (GRAMS if unit == 'g' else 1) if unit else math.inf)
