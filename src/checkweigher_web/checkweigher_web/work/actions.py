@@ -79,7 +79,7 @@ async def change_file(change: Callable[[], None], said: Text) -> Text:
 
 
 async def select_product(services: LaneServices, name: str) -> str:
-    """Select the product of a lane."""
+    """Select the product `name` of the recipe file, and return a text for the user."""
     await services.call('select_product', product=name)
     return Text('product {name} is selected', name=name)
 
@@ -110,18 +110,21 @@ async def reset_stop(services: LaneServices) -> str:
 
 
 async def acknowledge_alarms(services: LaneServices) -> str:
-    """Acknowledge all alarms of a lane."""
+    """Acknowledge all alarms of a lane, and return the message of the node for the user."""
     return await services.message(ports.ACKNOWLEDGE_ALARMS)
 
 
 async def stop(services: LaneServices) -> str:
-    """Stop weighing by deactivating the driver."""
+    """Stop weighing by deactivating the driver, and return a text for the user."""
     await _change(services, 'driver', Transition.TRANSITION_DEACTIVATE)
     return Text('weighing has stopped')
 
 
 async def start(services: LaneServices) -> str:
-    """Start weighing: configure the nodes `reject` and `driver` if needed, and activate them."""
+    """Start weighing, and return a text for the user.
+
+    The nodes `reject` and `driver` are configured and activated, unless they already are.
+    """
     for node in _MANAGED:
         for _ in _STEPS:
             state = (await services.call(f'{node}/get_state')).current_state.id
@@ -175,7 +178,10 @@ async def operation(services: LaneServices) -> OperationParameters:
 
 
 async def operate(services: LaneServices, wanted: Mapping[str, object]) -> str:
-    """Change settings of a simulated machine."""
+    """Change settings of a simulated machine, and return a text for the user.
+
+    `wanted` contains the new values by the names of `OperationParameters`.
+    """
     await _set(services, 'driver', {OPERATION + name: each for name, each in wanted.items()})
     return Text('the machine does so within two seconds')
 

@@ -25,7 +25,7 @@ HEADS = (
     Text('why'),
 )
 _MOST = 20  # maximum number of changes of an entry that are shown
-_LONGEST = 200  # maximum number of characters of a name or a value
+_LONGEST = 200  # maximum number of characters of a name, a value or a reason
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,8 +36,9 @@ class AuditView:
     conclusion: str  # conclusion of the command `audit`, or the reason why the log cannot be read
     seals_hold: bool | None = None  # None if the seals were not verified
     seals: str = ''  # state of the seals, or '' if the conclusion contains it
-    count: str = ''  # number of entries, as text
-    rows: tuple[tuple[str, ...], ...] = ()  # a row per entry with the cells of HEADS, newest first
+    count: str = ''  # text with the number of entries, or '' if the log cannot be read
+    # A row with the cells of HEADS for each shown entry, the newest entry first.
+    rows: tuple[tuple[str, ...], ...] = ()
 
 
 class Auditor:
@@ -69,8 +70,8 @@ def view_of(log: Path, key: Ed25519PublicKey | None, wanted: str = '') -> AuditV
     key : Ed25519PublicKey or None
         Public key of the seals. If it is None, the seals are not verified.
     wanted : str, optional
-        Filter. An entry is shown if its row or the name of its node contains this text, in upper or
-        lower case.
+        Filter. An entry is shown if its row or the name of its node contains this text, regardless
+        of case. Of these entries, only the newest `NEWEST` are shown.
     """
     found, hold, seals = _sealed(log, read_log(log), key)
     sought = wanted.strip().casefold()

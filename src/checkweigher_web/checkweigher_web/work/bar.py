@@ -51,14 +51,19 @@ def work_of(desk: Desk) -> dict[str, Callable[[], Awaitable[None]]]:
 
 
 def work_bar(look: Look) -> None:
-    """Show a button for each main action. The state of the lane selects Start, Stop or both."""
+    """Show a button for each main action.
+
+    Start is hidden while the lane weighs or the state of its driver is not known. Stop is hidden
+    while weighing is stopped or has ended.
+    """
     with named(ui.element('nav').classes('work'), look.say('Work on the machine')):
         buttons = {each: ui.button(look.say(each), on_click=look.work[each]) for each in _MAIN}
     for button in buttons.values():
         button.props('outline')
 
     def update() -> None:
-        # Both buttons are shown if the lane is silent or its state is not known.
+        # Show both buttons if nodes of the lane are silent or the driver reports an unknown state,
+        # because the user may then need either of them.
         stands = standstill(look.nodes())
         buttons['Start'].set_visibility(bool(stands))
         buttons['Stop'].set_visibility(stands not in ENDED.values())
@@ -87,7 +92,10 @@ def hint_to_commissioning(desk: Desk) -> None:
 
 
 def work_menu(desk: Desk, look: Look) -> None:
-    """Add an entry to the enclosing menu for each action that has no button of its own."""
+    """Add an entry to the enclosing menu for each action that has no button of its own.
+
+    The entry Practice is shown only while the machine is known to be simulated.
+    """
     for label, open_dialog in look.work.items():
         if label not in _MAIN:
             entry = menu_entry(look.say(label), open_dialog)

@@ -107,8 +107,9 @@ class Desk:
     async def sign(self, what: Signable, meaning: str, password: str) -> Signature:
         """Sign a record for the user, after the user has entered the password again.
 
-        Returns the signature. Raises `ActionRefusedError` if the user may not sign. After wrong
-        passwords, the user must wait, as after failed logins.
+        Returns the signature. After wrong passwords, the user must wait, as after failed logins.
+        Raises `ActionRefusedError` if the session has ended, if the user must wait, or if the
+        signature is refused. Raises the errors of `signing_key` if the users file cannot be used.
         """
         session, throttle = self._access.session_of(self._client), self._access.throttle
         if session is None:
@@ -176,7 +177,7 @@ class Dialog:
         return button
 
     def tell(self, outcome: Outcome) -> None:
-        """Show the outcome of an action."""
+        """Show the outcome of an action, and change the label of the closing button to Close."""
         show_outcome(self._result, outcome, self.say)
         self._closing.set_text(self.say(_CLOSE))
 

@@ -26,8 +26,8 @@ _KINDS = {'html': 'text/html; charset=utf-8', 'json': 'application/json'}
 def add_reports(app: FastAPI, workshop: Workshop, policy: str) -> None:
     """Serve the reports of the lanes in `workshop` with the content security policy `policy`.
 
-    A request for another report, or for one of a lane that is not in `workshop`, is answered with
-    the status 404.
+    A request is answered with the status 404 if the report does not exist, if its lane is not in
+    `workshop`, or if it is a batch report and no user has opened the list of the batch reports yet.
     """
 
     @app.get('/reports/{kind}/{name}.{ending}')
@@ -67,7 +67,7 @@ def list_reports(lane: str, kind: str, reports: Iterable[tuple[str, str]]) -> No
 
 
 def latest_records(folder: Path) -> list[Path]:
-    """Return the batch records in a folder, the latest first."""
+    """Return the batch records in a folder, the most recently changed record first."""
     records = folder.glob(f'*{SUFFIX}')
     return sorted(records, key=lambda path: path.stat().st_mtime_ns, reverse=True)
 

@@ -89,7 +89,11 @@ class ActionRefusedError(Exception):
 
 @dataclass(frozen=True)
 class Person:
-    """A user, and the address of the user's browser."""
+    """Name of a user, and the address from which the user acts, for the audit log.
+
+    The address is that of the user's browser or of the MQTT broker, or 'OPC UA' for a user of the
+    OPC UA gateway.
+    """
 
     name: str
     address: str
@@ -215,7 +219,10 @@ class LaneServices(PortNode):
             self.feedback.pop(name, None)
 
     async def cancel(self, name: str) -> str:
-        """Cancel all goals of an action, and return a text for the user."""
+        """Cancel all goals of an action, and return a text for the user.
+
+        Raises `ActionRefusedError` if the node of the action does not run or does not answer.
+        """
         await self.call(f'{name}/_action/cancel_goal')
         return Text('it ends')
 
@@ -298,7 +305,8 @@ class LaneServices(PortNode):
     async def write_signature(self, subject: str, value: Mapping[str, str]) -> None:
         """Write a signature to the audit log in the name of the user in `ACTING`.
 
-        `subject` is the subject of the entry, and `value` is the content of the signature.
+        `subject` is the subject of the entry, and `value` is the content of the signature. Raises
+        `ActionRefusedError` if the entry cannot be written.
         """
         if (acting := ACTING.get()) is not None:
             await self._note(acting, services=[ports.RECORD_CHANGE])

@@ -36,7 +36,8 @@ Find = Callable[[], Signable]
 async def sign_records(desk: Desk, services: LaneServices) -> None:
     """Open a dialog for the record to sign, the meaning of the signature, and the password.
 
-    Raises `ActionRefusedError` if the lane has no audit log or no folder for batch records.
+    Raises `ActionRefusedError` if the lane has no audit log or no folder for batch records, and
+    `AuditError` if the audit log cannot be read.
     """
     log, folder = await actions.audit_log(services), await actions.batch_folder(services)
     known = await asyncio.to_thread(_choices, log, folder)
@@ -84,10 +85,12 @@ async def _sign(desk: Desk, services: LaneServices, find: Find, meaning: str, pa
 
 
 def _choices(log: Path, folder: Path) -> dict[str, tuple[str, Find]]:
-    """Return the title of each record that can be signed, and a function that reads it, by label.
+    """Return a dict with the label of each record that a user may choose to sign.
 
-    The label names the previous signers. Batches are before entries of the audit log, and the
-    latest ones are first. Whether a batch has ended is checked when it is signed.
+    The value of a label is the title of the record, and a function that reads the record. The label
+    names the previous signers. The latest `_MANY` batches are first, followed by the latest `_MANY`
+    entries of the audit log, each in order from the latest. Whether a batch has ended is checked
+    only when it is signed.
     """
     entries = read_chain(log).entries
     found: dict[str, tuple[str, Find]] = {}
