@@ -127,10 +127,10 @@ def state_of(alarm: Alarm, now: int = 0, say: Language = ENGLISH) -> str:
 
 
 def picture_of(drawing: Drawing, say: Language = ENGLISH) -> Picture | None:
-    """Return the signal of an item with the reason of the first fault alarm, or None.
+    """Return the picture of the latest item that has the reason of the first fault alarm.
 
-    Returns None if there is no fault alarm, no item with its reason, or no samples of the latest
-    such item. The signal is cached, because the lane soon drops its samples.
+    Returns None if there is no fault alarm, no item with its reason, or no raw signal of this item.
+    The signal is cached, because the lane soon drops its samples.
     """
     pictures: dict[tuple[str, int], Signal] = drawing.once('pictures', None, dict)
     alarms = [each for each in in_order(drawing.lane.alarms) if each.source == _FAULT]

@@ -174,7 +174,10 @@ def _missing_edges(scene: Scene) -> Iterator[Mark]:
 
 
 def _equal_edges(scene: Scene) -> Iterator[Mark]:
-    """Mark each pair of successive edges that both block or both clear an eye."""
+    """Mark each pair of successive edges of an eye between which an edge must be missing.
+
+    The eye becomes blocked at both edges of such a pair, or clear at both.
+    """
     for eye in Eye:
         for one, other in pairwise(scene.edges_of(eye)):
             if one.blocked == other.blocked:

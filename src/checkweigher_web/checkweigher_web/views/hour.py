@@ -155,8 +155,8 @@ def hour_figure(
 ) -> Options:
     """Return the figure of a history from `begin` to `end` in ns.
 
-    `readings` maps the stamp in ns of each item with the reason ZERO_OUT_OF_RANGE to the reading of
-    the empty belt before the item, in g.
+    `readings` maps t1 in ns of each item with the reason ZERO_OUT_OF_RANGE to the reading of the
+    empty belt before the item, in g, or to NaN if the reading is not known.
     """
     count = min(_INTERVALS, max(2, (end - begin) // _SHORTEST))
     means = intervals(history, begin, end, count)
@@ -243,8 +243,9 @@ def _events(name: str, events: Sequence[tuple[int, str]], symbol: str, color: st
 def _read_empty_belts(drawing: Drawing) -> dict[int, float]:
     """Return the reading of the empty belt in g before each item with ZERO_OUT_OF_RANGE.
 
-    The keys are the stamps of the items in ns. A reading is NaN if the samples of the empty
-    belt are missing. The readings are cached, because the lane soon drops its samples.
+    The keys are the times t1 of the items in ns. Items without t1 are left out. A reading is NaN if
+    the samples of the empty belt are missing. The readings are cached, because the lane soon drops
+    its samples.
     """
     readings: dict[Key, float] = drawing.once('readings', None, dict)
     cell = drawing.lane.load_cell

@@ -94,8 +94,8 @@ def reading(
 ) -> dict[str, object]:
     """Return the content of a `Reading` for an item, by the keys that reading.js uses.
 
-    `items` contains the item and those before it, the latest first. The scale shows those of the
-    first `_DOTS` items that have a mass, and the product and batch of the item.
+    `items` contains the item and those before it, the latest first. Of the first `_DOTS` of these,
+    the scale shows the items that have a mass and are of the same product and batch as `item`.
     """
     verdict = item.verdict
     return {
@@ -143,7 +143,10 @@ class _Ruler:
     high: float
 
     def at(self, mass: float) -> float:
-        """Return the position of a mass in g, from 0 to 1."""
+        """Return the position of a mass in g, from 0 at `low` to 1 at `high`.
+
+        A mass outside the scale has the position of the nearer end.
+        """
         return round(min(max((mass - self.low) / (self.high - self.low), 0.0), 1.0), 4)
 
 
@@ -184,7 +187,10 @@ def about(item: ShownItem, say: Language = ENGLISH) -> str:
 
 
 def standstill(rows: Sequence[Row]) -> str:
-    """Return the reason why a lane does not weigh, from its diagnostics, or '' if it weighs."""
+    """Return the reason why a lane does not weigh, from its diagnostics.
+
+    Returns '' if the lane weighs, or if the state of its driver is not known.
+    """
     if silent := silence(rows):
         return Text('silent for {seconds} s', seconds=round(silent))
     source = [row for row in rows if (_name(row), row.aspect) == ('driver', 'Source')]

@@ -69,7 +69,8 @@ def figures(
     course = intervals(history, now - length, now, min(_INTERVALS, 6 * length // _MINUTE))
     passed = np.count_nonzero((now - _MINUTE < history.stamps) & (history.stamps <= now))
     target = math.nan if known is None else GRAMS * (known.nominal + known.tare)
-    share = max(min((now - since) / _MINUTE, 1.0), 1 / 60)  # below 1 in the first minute
+    # Duration of the count `passed` in min, which is below 1 in the first minute.
+    share = max(min((now - since) / _MINUTE, 1.0), 1 / 60)
     giveaway, mean = course.means - target, course.means - (known.tare * GRAMS if known else 0)
     rejects = 1.0 - known.accepted / known.items if known and known.items else math.nan
     return [
@@ -142,7 +143,7 @@ def batch_rules(
     if known is None or not math.isfinite(known.nominal):
         return []
     tally = BatchTally() if latest is None else BatchTally.of(latest)
-    if tally.key != (known.product, known.batch):  # No item of this batch has been judged yet.
+    if tally.key != (known.product, known.batch):  # No item of this batch has a verdict yet.
         tally = BatchTally(known.product, known.batch)
     none_below = say('{count} accepted', count=known.below_tu2)
     return [

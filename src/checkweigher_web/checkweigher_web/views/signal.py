@@ -22,11 +22,14 @@ from checkweigher_web.views.view import FAST, View
 
 # Colour of the bars of each eye, and position of these bars on the y axis.
 _ROWS = {Eye.INFEED: (DENOISED, 1.0), Eye.OUTFEED: (LEVEL, 0.0)}
-_BEFORE, _POINTS = 20, 60  # number of earlier items behind the signal, and points of each one
+# Maximum number of earlier items whose signals are drawn behind the signal of an item, and
+# approximate number of points of each of these signals.
+_BEFORE, _POINTS = 20, 60
 _DETAIL = 110  # height in px of the figure of the plateau
 _LEAD = 0.5  # longest time before t1 that is shown, as a fraction of t3 - t1
 
-Edge = tuple[float, bool, bool]  # time in ms, whether it blocks the eye, whether it was detected
+# Time in ms of an edge, whether the eye becomes blocked, and whether the edge was detected.
+Edge = tuple[float, bool, bool]
 Signal = tuple[ShownItem, list[WeighWindow]]  # item with its signals, and windows before it
 Bars = dict[bool, list[list[float | None]]]  # points of lines, by whether both ends were detected
 

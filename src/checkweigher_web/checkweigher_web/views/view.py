@@ -85,7 +85,8 @@ class Look:
         """Choose the next selected item in one direction, and return whether there is one.
 
         `step` is positive for a later item and negative for an earlier one. An infinite step leads
-        to the last or first item. If `faults` is true, only faults can be chosen.
+        to the last or first item. The step starts at the chosen item, or at the latest item if no
+        selected item is chosen. If `faults` is true, only faults can be chosen.
         """
         items = self.items()[::-1]
         keys = [row_key(item) for item in items]
