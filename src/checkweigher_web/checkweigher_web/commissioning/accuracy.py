@@ -22,7 +22,10 @@ class Matrix(NamedTuple):
 
 
 def matrix_of(lines: Sequence[str], say: Language = ENGLISH) -> Matrix:
-    """Return the matrix for the lines of `accuracy_lines`. Without lines, the matrix is empty."""
+    """Return the matrix for the lines of `accuracy_lines`.
+
+    Without lines, the matrix has only the heading of its first column.
+    """
     found: dict[str, dict[str, float]] = {}
     chosen, reason = '', ''
     for line in lines[1:]:

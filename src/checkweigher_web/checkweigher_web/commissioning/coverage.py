@@ -23,9 +23,10 @@ from checkweigher_validation.verification.steps import StepKind, steps_of
 from checkweigher_web.languages.language import Mass, Text
 from checkweigher_web.work.services import LaneServices
 
-# Largest ratio of a weighed mass to the heaviest recorded one, and of the lightest recorded mass to
-# a weighed one. On simulated machines, the estimator `learned`, trained on 150 g alone, has mean
-# errors of at most 0.06 g from 50 to 225 g, but up to 0.12 g at 300 g and 0.42 g at 500 g.
+# Largest ratio of a mass that is to be weighed to the heaviest recorded mass, and of the lightest
+# recorded mass to a mass that is to be weighed. On simulated machines, the estimator `learned`,
+# trained on 150 g alone, has mean errors of at most 0.06 g from 50 to 225 g, but up to 0.12 g at
+# 300 g and 0.42 g at 500 g.
 _HEAVIER, _LIGHTER = 1.5, 3.0
 _SAME_SPEED = 0.03  # largest relative difference between speeds that count as equal
 _MANY = 1000  # maximum number of bags whose passes are cached
@@ -116,10 +117,10 @@ def loads_of(plan: str) -> list[Load]:
 def not_covered(known: Sequence[Recorded], loads: Iterable[Load]) -> Iterator[Load]:
     """Yield those of the lightest and heaviest loads at each speed that the passes do not cover.
 
-    A speed is covered between the lowest and the highest recorded speed, and up to 3 % outside,
-    because training interpolates there. A mass is covered if it is at most 1.5 times the heaviest
-    recorded mass at the nearest recorded speed, and at least a third of the lightest one. Without
-    recorded passes, no load is covered.
+    A load is covered if both its speed and its mass are. A speed is covered between the lowest and
+    the highest recorded speed, and up to 3 % outside, because training interpolates there. A mass
+    is covered if it is at most 1.5 times the heaviest recorded mass at the nearest recorded speed,
+    and at least a third of the lightest one. Without recorded passes, no load is covered.
     """
     masses: dict[float, set[float]] = {}
     for speed, mass in loads:

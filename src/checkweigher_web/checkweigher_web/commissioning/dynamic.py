@@ -27,8 +27,8 @@ from checkweigher_web.work.actions import products
 from checkweigher_web.work.dialogs import field, mass_in, number_in
 from checkweigher_web.work.services import ActionRefusedError
 
-# Duration of the training in s on two free cores, and its part that grows with the passes. Measured
-# with `checkweigher tune` on 20 to 360 passes at one to three speeds.
+# Duration of the training in s on two free cores without passes, and additional time in s for each
+# pass. Measured with `checkweigher tune` on 20 to 360 passes at one to three speeds.
 _TRAINING, _TRAINING_OF_PASS = 5.0, 0.045
 _MANY = 100_000  # upper bound of the number of passes, exclusive
 _PHASES = {
@@ -39,7 +39,10 @@ _PHASES = {
 
 
 class DynamicStep(Step):
-    """Step of the dynamic setting. A recording or training continues after the user has left."""
+    """Step of the dynamic setting: passes of known masses are recorded, and estimators trained.
+
+    A recording or training continues after the user has left the page.
+    """
 
     title = Text('Dynamic')
     to_do = Text(
@@ -194,7 +197,11 @@ class DynamicStep(Step):
             Table(heads).show(rows)
 
     def primary(self) -> Choice:
-        """Return the button for the next action."""
+        """Return the button for the next action.
+
+        The button accepts trained parameters if there are any, otherwise restarts the line if
+        parameters were accepted on this page, and otherwise records passes or trains.
+        """
         said = self.services.setting
         is_idle = said is not None and not self._works(said)
         if self._table:

@@ -31,7 +31,11 @@ class LimitsStep(Step):
             self._upper = field(self.say('Upper limit'), unit=self.say.unit)
 
     def standing(self) -> Standing:
-        """Return whether a limit is set, and a text with the limits in use."""
+        """Return whether a limit is set, and a text with the limits in use.
+
+        The step is also not done if the limits are not known, or if the line accepts nothing
+        because no product is selected.
+        """
         product = self.services.product
         if product is None:
             return Standing(False, Text('the line has not said its limits yet'))

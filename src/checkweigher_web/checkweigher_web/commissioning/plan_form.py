@@ -59,7 +59,7 @@ _OF_MASS = (
     ('serial', Text('serial number')),
 )
 _NUMBERS = 'factor', 'passes'
-# Keys of the values that the person of each verification must know, so that no example fits.
+# Keys whose values belong to one verification, so that the values in the example plan never apply.
 _OWN = 'operator', 'place', 'environment', 'certificate', 'serial'
 # Distance in m from one product to the next if no passes were recorded.
 _SPACING = 1.0
@@ -168,9 +168,11 @@ def _fitted(section: Any, loads: Iterable[str], load: str, speed: float) -> Any:
 
 
 def summary(text: str, known: LineFacts) -> tuple[Text, list[tuple[Text, str]], list[Text]]:
-    """Return a summary of a plan, its steps as rows, and lines on what its verdict will lack.
+    """Return a summary of a plan, its steps as rows, and lines on the faults of the plan.
 
-    If the plan is not valid, the summary is the error, and there are no rows or lines.
+    The lines name the values that are still those of the example plan, the reasons why the plan
+    cannot pass, and the steps that cannot be decided because the uncertainty will be too large. If
+    the plan is not valid, the summary is the error, and there are no rows or lines.
     """
     try:
         plan = read_plan(text)

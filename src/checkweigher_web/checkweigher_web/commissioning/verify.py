@@ -77,7 +77,8 @@ class VerifyStep(Step):
         self._said: VerificationProgress | None = None
         self._known: tuple[Recorded, ...] = ()  # recorded passes
         self._zero = self.lane.zero  # latest zero that an operator has set
-        self._paths: dict[str, Path] = {}  # plan files, by path in `VerificationProgress.folder`
+        # Plan files, by their paths relative to `VerificationProgress.folder`.
+        self._paths: dict[str, Path] = {}
         self._found = ui.label('').classes('found').props('role=status')
         self._doubts = named(Lines().classes('lines doubts'), say('cannot be decided'))
         with ui.element('div').classes('fields') as self._choice:
@@ -181,7 +182,10 @@ class VerifyStep(Step):
         self._table.show([self.say(step), told(to_do, self.say)] for step, to_do in rows)
 
     def _facts(self) -> LineFacts:
-        """Return the facts about the line. The mass has the median deviation of the latest ones."""
+        """Return the facts about the line from which the result of the plan is predicted.
+
+        `std_dev` is the median of the known standard deviations of the latest `_RECENT` masses.
+        """
         lane = self.lane
         estimates = (item.estimate for item in lane.items()[:_RECENT])
         known = [each.std_dev for each in estimates if each and math.isfinite(each.std_dev)]
@@ -231,11 +235,14 @@ class VerifyStep(Step):
             list_reports(self.lane.name, VERIFICATION, _made(path.parent for path in made))
 
     def _named(self) -> dict[str, str]:
-        """Return the labels of the plans in the choice, by path, and that of the example plan."""
+        """Return the label of each plan that can be chosen, by its path.
+
+        The key of the example plan, which has no path, is its English label.
+        """
         return {**{path: path for path in self._paths}, str(_EXAMPLE): self.say(_EXAMPLE)}
 
     def primary(self) -> Choice:
-        """Return the button that begins a verification, or that makes the requested step."""
+        """Return the button that begins a verification or, while one runs, the requested step."""
         said = self.services.verification
         if said is None or said.state is ProgressState.IDLE:
             return Choice(Text('Begin'), self._begin, said is not None)
