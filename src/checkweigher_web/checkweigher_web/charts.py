@@ -66,7 +66,10 @@ def legend(series: Iterable[Options]) -> Options:
 def line(
     name: str, x: NDArray[Any], y: NDArray[Any], color: str, *, width: int, dash: str = 'solid'
 ) -> Options:
-    """Return a line through the points `x`, `y` (n,), thinned to at most `_MAX_POINTS` points."""
+    """Return a line through the points `x`, `y` (n,), thinned to at most `_MAX_POINTS` points.
+
+    `width` is in px. `dash` is the ECharts name of the line style: solid, dashed or dotted.
+    """
     step = max(1, -(-len(x) // _MAX_POINTS))
     return {
         'type': 'line',
@@ -79,7 +82,10 @@ def line(
 
 
 def symbols(name: str, x: NDArray[Any], y: NDArray[Any], symbol: str, size: int) -> Options:
-    """Return red symbols at the points `x`, `y` (n,), which are drawn above all lines."""
+    """Return red symbols at the points `x`, `y` (n,), which are drawn above all lines.
+
+    `symbol` is the ECharts name of the shape, such as 'diamond', and `size` is its size in px.
+    """
     return {
         'type': 'scatter',
         'name': name,

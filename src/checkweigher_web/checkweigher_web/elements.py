@@ -220,7 +220,11 @@ class Reading(_FromText, component='reading.js'):
 
 
 class Production(_FromText, component='production.js'):
-    """Production figures, each with its course over time, and bars for the packers' rules."""
+    """Production figures, each with a small chart of its values over time, and a bar for each rule.
+
+    The rules are the packers' rules of directive 76/211/EEC. A bar shows how much of the margin of
+    its rule is used.
+    """
 
     _of = 'text'
 

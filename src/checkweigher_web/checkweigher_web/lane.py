@@ -118,7 +118,8 @@ class Lane:
         self.name = name
         self.held = held
         self.version = 0
-        self.judged = -math.inf  # time.monotonic() in s at the arrival of the latest verdict
+        # time.monotonic() in s at the arrival of the latest verdict, -inf before the first one.
+        self.judged = -math.inf
         self.statistics: Statistics | None = None
         self.filler: FillerFeedback | None = None
         self.stop: StopRequest | None = None
@@ -272,8 +273,9 @@ class Lane:
     def load(self) -> tuple[float, float]:
         """Return the present load on the belt and its range within the latest 1 s, in kg.
 
-        The load is relative to the zero of calibration. Its range is the largest minus the smallest
-        mean of the `_PARTS` parts of this second. Both values are NaN if there are no samples.
+        The load is the mean over the latest 0.5 s, relative to the zero of calibration. Its range
+        is the largest minus the smallest mean of the `_PARTS` parts of the latest 1 s. Both values
+        are NaN if no load cell or no samples have arrived.
         """
         signal = self._signal()
         if signal is None:

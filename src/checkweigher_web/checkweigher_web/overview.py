@@ -49,9 +49,10 @@ class Overview(Made):
         self._watch = watch
 
     def views(self, say: Language = ENGLISH) -> list[LaneView]:
-        """Return a row for each lane with a verdict topic or diagnostics.
+        """Return a row for each lane that runs or has run, or that has sent diagnostics.
 
-        The lanes without diagnostics are first. The other lanes follow, the worst lane first.
+        If the page shows only one lane, the other lanes are left out. The lanes without diagnostics
+        are first. The other lanes follow, the worst lane first.
         """
         return self.each_second(('views', say), lambda: self._views(say))
 

@@ -16,7 +16,7 @@ from checkweigher_web.views.registry import VIEWS
 from checkweigher_web.views.view import FAST, SLOW, Look, View
 
 _WHOLE = '--tablet: 2; --desk: 12'  # panel width in columns: the whole width of the page
-_PERIOD = 0.5  # period of the updates of the progress in s
+_PERIOD = 0.5  # time in s between two updates of the progress text
 
 
 def show_lane(look: Look) -> Element:

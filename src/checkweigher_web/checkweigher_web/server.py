@@ -126,6 +126,8 @@ def serve_shift(site: Site, shift: Shift, report: Path | None = None) -> None:
     ------
     PageError, CertificateError, SettingsError, OutputError
         If the site cannot be served.
+    OSError
+        If the report cannot be read.
     """
     with _listen(site.checked()) as (listener, access, app):
         drawing = Drawing(shift)
@@ -283,7 +285,10 @@ def _run(app: FastAPI, access: Access, listener: socket.socket) -> None:
 
 
 def main() -> None:
-    """Serve the page of all lanes."""
+    """Serve the page of all lanes with the options of the command line.
+
+    If the page cannot be served, the reason is printed, and the process exits with status 2.
+    """
     end_with_parent()
     parser = argparse.ArgumentParser()
     parser.add_argument('--host', default=ADDRESS)

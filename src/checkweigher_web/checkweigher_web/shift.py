@@ -58,7 +58,7 @@ class Shift:
     stop = filler = None
     alarms: tuple[Alarm, ...] = ()
     over: tuple[Alarm, ...] = ()
-    judged = math.nan  # recorded items have no age
+    judged = math.nan  # NaN, because the page shows no age for recorded items
 
     def __init__(self, recording: Recording, parameters: LineParameters, name: str = '') -> None:
         self.name = name
@@ -82,7 +82,9 @@ class Shift:
         for item in joined(self._results(), joiner):
             self._counts.add(item.verdict)
             self.series = self.series.with_item(item.verdict)
-            self._items.append(item)  # Comes last, because the views read without a lock.
+            # Append the item last. The views read without a lock, and take the number of items as
+            # the version of the data.
+            self._items.append(item)
         self.is_whole = True
 
     def _results(self) -> Iterator[tuple[Verdict, MassEstimate]]:
@@ -128,7 +130,7 @@ class Shift:
         return [each for each in self.items(span) if each.verdict.decision == Decision.FAULT]
 
     def history(self) -> History:
-        """Return the items that were weighed so far, without noise or actions."""
+        """Return the items that were weighed so far, without belt noise or actions of users."""
         zeros = (math.nan if each.estimate is None else each.estimate.zero for each in self._items)
         verdicts = (each.verdict for each in self._items)
         return history_of(zip(verdicts, zeros, strict=False))
