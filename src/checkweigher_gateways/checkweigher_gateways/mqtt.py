@@ -67,7 +67,7 @@ class MqttGateway(Gateway):
         self._asked = False
         self._password: str | None = None
         self._trouble = 'not connected yet'
-        self._retry_at = 0.0  # monotonic time in s of the next attempt to connect
+        self._retry_at = 0.0  # monotonic time in s of the next attempt to connect.
         # Monotonic time in s from which items may be sent, infinite without a connection.
         self._ready_at = math.inf
         self._born = 0  # time in ns since 1970 of the latest birth message, 0 before the first
@@ -145,8 +145,8 @@ class MqttGateway(Gateway):
     async def turn(self) -> None:
         """Process the events of the connection, and publish changed states and waiting items.
 
-        Before items are published, the new items are written to the disk. If the connection is
-        lost, a new one is attempted after `_RETRY` s.
+        Before items are published, the new items are written to the disk. If the connection has
+        failed or was lost, a new one is attempted after `_RETRY` s.
         """
         with suppress(queue.Empty):
             while True:

@@ -141,7 +141,7 @@ class LaneSpace:
         await delete_nodes(session, [node], delete_target_references=False)
 
     async def build(self) -> None:
-        """Add the nodes of the lane."""
+        """Add the nodes of the lane to the server, and begin the history of the masses."""
         await self._add('', _CHECKWEIGHER)
         await self._add('WeighingRange1', _RANGE)
         for path, kind in _MACHINES:
@@ -284,7 +284,10 @@ class LaneSpace:
         return f'ProductionPreset.Products.{name}'
 
     async def show_products(self, products: Mapping[str, Product]) -> None:
-        """Update the product nodes from the recipe file."""
+        """Update the nodes of the products in the recipe file, which `products` contains by name.
+
+        The nodes of products that are no longer in the file are deleted.
+        """
         gone = [self._node(self._product(name)) for name in self._products.keys() - products.keys()]
         await self._server.delete_nodes(gone, recursive=True)
         for name, product in products.items():
