@@ -121,7 +121,7 @@ class Language:
         return f'{shown:{sign}.{digits}f}'.replace('.', self.point) + unit
 
     def entry(self, value: float) -> str:
-        """Return the shortest text for a number with up to 9 significant digits, for a field."""
+        """Return a number as the text of an input field, with up to 9 significant digits."""
         return f'{value:.9g}'.replace('.', self.point)
 
     def amount(self, mass: float, digits: int = 3, sign: str = '') -> str:
