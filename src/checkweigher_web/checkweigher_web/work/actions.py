@@ -154,7 +154,8 @@ async def set_limits(services: LaneServices, wanted: MassLimits) -> str:
 
     If the node refuses the limits, neither of them is changed, and `ActionRefusedError` is raised.
     """
-    if wanted.lower > wanted.upper:  # The node would also refuse this, but with masses in kg.
+    # The node would also refuse this, but its message would contain the masses in kg.
+    if wanted.lower > wanted.upper:
         text = Text(
             'the lower limit, {lower}, is above the upper one, {upper}',
             lower=Mass(wanted.lower),

@@ -21,7 +21,10 @@ _ELSE = Text('record the line, and cut the item out with checkweigher keep')
 
 
 class Keeper:
-    """Writer of items to a folder, which weighs each item again and writes one item at a time."""
+    """Writer of bags to `folder`, each of which contains one item.
+
+    An item is weighed again before its bag is written. Only one item is processed at a time.
+    """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder

@@ -41,7 +41,7 @@ from checkweigher_web.languages.language import Text
 
 # Maximum time in s until a service is discovered.
 _DISCOVERY = 3.0
-# Maximum time in s until an answer. Some nodes answer only when a load is at rest.
+# Maximum time in s to wait for an answer. Some nodes answer only when a load is at rest.
 _PATIENCE = 120.0
 # Period in s of the check whether a server still runs.
 _LOOK_PERIOD = 1.0
@@ -121,7 +121,9 @@ ACTING: ContextVar[tuple[Person, str] | None] = ContextVar('acting', default=Non
 
 
 class LaneServices(PortNode):
-    """Clients of the services and actions of a lane, which only the page thread may use.
+    """Clients of the services and actions of a lane.
+
+    Only one thread may use them: the thread of the page, or that of a gateway.
 
     Attributes
     ----------

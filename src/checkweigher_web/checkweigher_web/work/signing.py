@@ -29,7 +29,7 @@ _TEXT = Text(
     'changes. A release needs a technician and, if the recipe asks for two persons, the signature '
     'of another person before.'
 )
-_MANY = 20  # maximum number of batches, and of entries of the audit log, in the choice
+_MANY = 20  # maximum number of batches, and of audit log entries, from which the user can choose
 Find = Callable[[], Signable]
 
 
