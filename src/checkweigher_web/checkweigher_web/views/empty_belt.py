@@ -18,10 +18,11 @@ from checkweigher_web.views.view import View
 
 _LEAST = 128  # minimum number of samples for a spectrum
 _PROMINENCE = 4.0  # minimum amplitude of a line, relative to the median of the bins around it
-_SURROUNDING = 10  # number of bins on each side of a line that the median around it includes
+_SURROUNDING = 10  # number of bins on each side of a line from which this median is computed
 _MAX_LINES = 6
-# Largest relative difference of the frequency of a line from a mains frequency that may cause the
-# line, and from the natural frequency of the platform.
+# Largest relative difference between the frequency of a line and a mains frequency, so that mains
+# may be the cause of the line, and between the frequency of a line and the natural frequency of the
+# platform, so that the platform may be the cause.
 _NEAR, _PLATFORM = 0.02, 0.15
 _FLOOR = 12.0  # highest frequency of building vibrations in Hz
 _MAINS = (50.0, 60.0, 100.0, 120.0)  # mains frequencies and their second harmonics in Hz
@@ -85,7 +86,10 @@ class EmptyBeltView(View):
 
 
 def spectrum_chart(found: Spectrum | None, say: Language = ENGLISH) -> Options:
-    """Return the figure of a spectrum with its lines marked, or with a text if there is none."""
+    """Return the figure of a spectrum with its lines marked.
+
+    If `found` is None, the figure contains only a text.
+    """
     if found is None:
         return charts.nothing(say('needs a stretch of the empty belt'))
     shown = found.frequencies <= _HIGHEST

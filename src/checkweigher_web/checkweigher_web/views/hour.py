@@ -25,7 +25,8 @@ from checkweigher_web.views.view import SLOW, View
 _INTERVALS = 60
 # Shortest interval in ns.
 _SHORTEST = 10 * NANOSECONDS
-# `_RARELY` is the period in s at which the figure of a running lane with many items is drawn.
+# `_RARELY` is the time in s after which the figure of a running lane with `MAX_ITEMS` items is
+# drawn again.
 _MANY, _RARELY = 1000, 10
 # Width in ns of a bin. The accepted items in a bin share one tick.
 _TICK = NANOSECONDS // 2
@@ -189,7 +190,7 @@ def hour_figure(
 
 
 def _ticks(history: History, say: Language) -> list[Options]:
-    """Return the ticks of the items. Only the ticks of rejected items are coloured."""
+    """Return the ticks of the items. Only the ticks of items that are not accepted are coloured."""
     series = []
     for name, decisions, color, width in (
         ('ACCEPT', (Decision.ACCEPT,), MUTED, 1),

@@ -69,7 +69,11 @@ def histogram(
 
 
 def _bounds(masses: NDArray[np.float64], latest: Verdict | None) -> NDArray[np.float64]:
-    """Return the bounds of the bins in g. Each limit is a bound, so that no bin lies across it."""
+    """Return the bounds of the bins in g.
+
+    Each finite limit of the `latest` verdict is a bound or lies outside all bins, so that no bin
+    lies across it.
+    """
     count = min(_BINS, max(5, len(masses) // 4))
     width = max(float(np.ptp(masses)), _NARROWEST) / count
     own = (latest.lower_limit, latest.upper_limit) if latest else ()

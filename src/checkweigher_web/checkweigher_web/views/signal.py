@@ -26,7 +26,7 @@ _ROWS = {Eye.INFEED: (DENOISED, 1.0), Eye.OUTFEED: (LEVEL, 0.0)}
 # approximate number of points of each of these signals.
 _BEFORE, _POINTS = 20, 60
 _DETAIL = 110  # height in px of the figure of the plateau
-_LEAD = 0.5  # longest time before t1 that is shown, as a fraction of t3 - t1
+_LEAD = 0.5  # longest time before t1 that is shown, as a fraction of t3 - t1.
 
 # Time in ms of an edge, whether the eye becomes blocked, and whether the edge was detected.
 Edge = tuple[float, bool, bool]
