@@ -17,7 +17,8 @@ class Matrix(NamedTuple):
     """Table of the accuracy on held-out passes, and lines of text on the effect of training."""
 
     heads: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]  # the chosen estimator first, then the most accurate ones
+    # The row of the chosen estimator is first. The others follow, the most accurate first.
+    rows: tuple[tuple[str, ...], ...]
     changes: tuple[str, ...]
 
 
@@ -59,8 +60,9 @@ def _changes(
     reason: str,
     say: Language,
 ) -> tuple[str, ...]:
-    """Return a line per speed with the accuracy now and after training, and one for the choice.
+    """Return a line per speed with the accuracy now and after training, and a line on the best one.
 
+    The best estimator is the chosen one, or the most accurate one if the lines name no choice.
     If training does not improve the accuracy clearly, a single line states this. Without
     estimators, there are no lines.
     """

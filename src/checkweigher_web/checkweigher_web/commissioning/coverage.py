@@ -98,10 +98,10 @@ def usual_spacing(known: Iterable[Recorded]) -> float:
 
 
 def loads_of(plan: str) -> list[Load]:
-    """Return the speed and mass of each step of a plan in which a load passes over the belt.
+    """Return the belt speed and the mass for each step in which a load passes over the belt.
 
-    Steps outside the range of speeds are left out, because their passes must be faults. Returns []
-    if the plan is not valid.
+    `plan` is the text of a verification plan. Steps outside the range of speeds are left out,
+    because their passes must be faults. Returns [] if the plan is not valid.
     """
     try:
         steps = steps_of(read_plan(plan))
@@ -115,12 +115,13 @@ def loads_of(plan: str) -> list[Load]:
 
 
 def not_covered(known: Sequence[Recorded], loads: Iterable[Load]) -> Iterator[Load]:
-    """Yield those of the lightest and heaviest loads at each speed that the passes do not cover.
+    """Yield the lightest and the heaviest load at each speed, unless recorded passes cover it.
 
-    A load is covered if both its speed and its mass are. A speed is covered between the lowest and
-    the highest recorded speed, and up to 3 % outside, because training interpolates there. A mass
-    is covered if it is at most 1.5 times the heaviest recorded mass at the nearest recorded speed,
-    and at least a third of the lightest one. Without recorded passes, no load is covered.
+    A load is covered if both its speed and its mass are covered. A speed is covered between the
+    lowest and the highest recorded speed, and up to 3 % outside, because training interpolates
+    there. A mass is covered if it is at most 1.5 times the heaviest recorded mass at the nearest
+    recorded speed, and at least a third of the lightest one. Without recorded passes, no load is
+    covered.
     """
     masses: dict[float, set[float]] = {}
     for speed, mass in loads:
@@ -142,9 +143,9 @@ def _is_covered(known: Sequence[Recorded], speed: float, mass: float) -> bool:
 
 
 def lines_of(lacking: Iterable[Load]) -> list[Text]:
-    """Return a line for each load in `lacking`, which is not covered, and a line on the reason.
+    """Return a line for each load that the recorded passes do not cover, and a line of advice.
 
-    Returns [] if all loads are covered.
+    `lacking` contains these loads. Returns [] if it is empty.
     """
     lines = [
         Text(

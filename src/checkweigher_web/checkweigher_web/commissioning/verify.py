@@ -53,7 +53,7 @@ from checkweigher_web.work.reports import VERIFICATION, list_reports
 from checkweigher_web.work.services import Outcome
 
 _MANY = 10  # maximum number of verifications in the list
-_RECENT = 50  # number of latest items from which the standard deviation of a pass is predicted
+_RECENT = 50  # number of latest items whose standard deviations predict that of a mass in one pass
 _EXAMPLE = Text('example')
 _STATES = {
     ProgressState.ASKING: Text('Do this, then press "Make it": {text}'),
@@ -76,7 +76,7 @@ class VerifyStep(Step):
         say = self.say
         self._said: VerificationProgress | None = None
         self._known: tuple[Recorded, ...] = ()  # recorded passes
-        self._zero = self.lane.zero  # latest zero that an operator has set
+        self._zero = self.lane.zero  # latest zero that an operator has set.
         # Plan files, by their paths relative to `VerificationProgress.folder`.
         self._paths: dict[str, Path] = {}
         self._found = ui.label('').classes('found').props('role=status')

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Commissioning step Zero: reading of the empty belt."""
+"""Commissioning step Zero: the reading of the empty belt is set as the zero."""
 
 from functools import partial
 
