@@ -93,7 +93,7 @@ def named(element: E, label: str) -> E:
 
 
 def menu_entry(text: str, click: Callable[[], object]) -> Element:
-    """Add an entry that calls `click` to the enclosing menu, and return the entry."""
+    """Add an entry to the enclosing menu, and return it. The entry calls `click` when selected."""
     return ui.menu_item(text, click).props('role=menuitem')
 
 

@@ -185,7 +185,10 @@ class Lane:
             blocks.popleft()
 
     def _begin_stream(self) -> None:
-        """Drop samples, edges and reference masses, since a new stream may have earlier stamps."""
+        """Drop samples, edges and reference masses.
+
+        They must not be mixed with those of the new stream, whose stamps may be earlier.
+        """
         for records in (self._blocks, self._latest[EyeEdge], self._latest[Reference]):
             records.clear()
 

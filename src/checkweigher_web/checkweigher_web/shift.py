@@ -41,7 +41,9 @@ _Cut = tuple[WeighWindow, int]  # window without its samples, and the number of 
 
 
 class Shift:
-    """Items of a recording, which are shown like a lane. A thread weighs the recording once.
+    """Items of a recording, which the page shows like those of a running lane.
+
+    A thread weighs the recording once.
 
     Attributes
     ----------
