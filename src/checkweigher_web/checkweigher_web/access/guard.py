@@ -46,7 +46,7 @@ HEADERS = {
 LOGIN, LOGOUT, STYLE = '/login', '/logout', '/page.css'
 _PUBLIC = (LOGIN, STYLE, '/favicon.ico')
 _ASSETS, _SOCKET = '/_nicegui/', '/_nicegui_ws/'
-# Key of the session identifier in the scope of a request.
+# Key under which the ASGI scope of a request contains the session identifier.
 _SESSION = 'checkweigher.session'
 # Message of the RuntimeError that Starlette raises if the browser disconnects before the response.
 _UNANSWERED = 'No response returned.'

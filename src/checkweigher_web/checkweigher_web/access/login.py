@@ -45,7 +45,7 @@ _NO_USER = Text(
 
 
 def first_user(code: str) -> str:
-    """Return the line for the terminal that contains the code for the first user."""
+    """Return the line with the code for the first user, which the server prints in the terminal."""
     return f'no user yet: log in with the code {code} to make the first one'
 
 

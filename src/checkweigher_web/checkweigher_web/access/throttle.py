@@ -5,7 +5,7 @@
 from collections.abc import Callable
 import time
 
-_FREE = 3  # number of failures before the first wait, because users mistype passwords
+_FREE = 3  # number of failures before the first wait: above one, because users mistype passwords
 _LONGEST = 300.0  # maximum waiting time in s
 _FORGOTTEN = 3600.0  # time in s without a failure after which the count restarts
 

@@ -135,7 +135,7 @@ def default_users() -> Path:
 
 
 def account_name(given: str) -> str:
-    """Return the name in a login form in Unicode form NFC, without characters after the 64th."""
+    """Return the user name from a login form in Unicode form NFC, cut to 64 characters."""
     return unicodedata.normalize('NFC', given)[:64]
 
 
@@ -230,7 +230,7 @@ def _older(path: Path) -> UsersFile:
 
 
 def write_users(path: Path, users: dict[str, User]) -> None:
-    """Write a users file that only its owner may read.
+    """Write users to a users file, which only its owner may read and write.
 
     Raises `OutputError` if the file cannot be written, and `SettingsError` if the previous file is
     not valid. In both cases, the previous file is kept.
