@@ -124,7 +124,7 @@ class PracticeView(View):
             self._show_settings(now, now.as_mapping())
 
     def _show_settings(self, now: OperationParameters, names: Collection[str]) -> None:
-        """Show the settings with the given names, and keep all settings.
+        """Store the settings `now`, and show those whose names are in `names`.
 
         The other fields are not changed, because the user may have typed in them since.
         """

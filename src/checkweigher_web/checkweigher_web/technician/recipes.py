@@ -42,7 +42,7 @@ _TEXT = Text(
 )
 _REMOVE = Text('The recipe leaves the file. A product that is on the line stays there.')
 _IMPORT = Text('All recipes are replaced by those of the chosen file: {names}.')
-_LARGEST = 256 * 1024  # number of bytes that the page reads of a recipe file from a browser
+_LARGEST = 256 * 1024  # maximum number of bytes that a browser sends of a recipe file to import
 _MM, _PERCENT, _PER_MINUTE = 1000.0, 100.0, 60.0
 
 
