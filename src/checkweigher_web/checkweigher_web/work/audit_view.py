@@ -93,7 +93,7 @@ def view_of(log: Path, key: Ed25519PublicKey | None, wanted: str = '') -> AuditV
 def _sealed(
     log: Path, found: Verification, key: Ed25519PublicKey | None
 ) -> tuple[Verification, bool | None, str]:
-    """Check the seals of a log, and return the log, whether the seals are valid, and a text.
+    """Check the seals of a log, and return the log, whether they are valid, and a text on them.
 
     The second value is None if the log is not whole, or if `key` is None. The second value is False
     if there is a key, but no file of seals. The returned log is not whole if its seals are not

@@ -183,7 +183,10 @@ class Dialog:
 
 
 def show_outcome(label: ui.label, outcome: Outcome, say: Language) -> None:
-    """Show the outcome of an action in a label, after a tick if it was done, otherwise a cross."""
+    """Show the outcome of an action in a label.
+
+    The label begins with a tick if the action was done, otherwise with a cross.
+    """
     show_told(label, from_node(outcome.text), say)
     text = label.text
     label.set_text(f'✓ {text}' if outcome.done else say('✗ not done: {text}', text=text))
