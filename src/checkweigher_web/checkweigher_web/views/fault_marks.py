@@ -18,7 +18,7 @@ from checkweigher_web.lane import ShownItem
 from checkweigher_web.languages.language import ENGLISH, Language, Text
 from checkweigher_web.raw_signal import Stretch
 
-_BEFORE_RISE = 0.3  # duration in s of the empty belt before a rise
+_BEFORE_RISE = 0.3  # duration in s of the signal before t1 that is used to find the lag of a rise
 _GAP = 1.5  # longest time between two samples without a loss, in sample periods
 _FLICKER = 0.25  # time between edges below which an eye chatters, relative to the longest blockage
 EYES = {Eye.INFEED: Text('infeed eye'), Eye.OUTFEED: Text('outfeed eye')}
@@ -80,7 +80,7 @@ class Scene:
         return self.force[(begin <= time) & (time <= end)]
 
     def mean(self, begin: int, end: int) -> float:
-        """Return the mean in kg from `begin` to `end` in ns, or NaN without samples."""
+        """Return the mean of the signal in kg from `begin` to `end` in ns, NaN without samples."""
         force = self.between(begin, end)
         return float(np.mean(force)) if len(force) else math.nan
 
@@ -143,9 +143,9 @@ Finder = Callable[[Scene], Iterable[Mark]]
 def _over(
     first: str, last: str, describe: Callable[[Scene, int, int], str], scene: Scene
 ) -> Iterator[Mark]:
-    """Mark the time between two edges with the text of `describe`.
+    """Mark the time from the edge `first` to the edge `last` with a text.
 
-    There is no mark if an edge is missing or the text is empty.
+    `describe` returns the text. There is no mark if an edge is missing or the text is empty.
     """
     span = scene.span(first, last)
     text = '' if span is None else describe(scene, *span)
@@ -190,9 +190,10 @@ def _equal_edges(scene: Scene) -> Iterator[Mark]:
 
 
 def _expected_times(scene: Scene) -> dict[str, int]:
-    """Return the times in ns at which edges of an item are expected at the usual speed, by name.
+    """Return the times in ns at which the edges t1, t2 and t3 of an item are expected, by name.
 
-    Edges whose time cannot be computed are left out.
+    The usual belt speed gives t3 from t1, and t1 from t3. The time for which the item blocks an eye
+    gives t2 from t1. Edges whose time cannot be computed are left out.
     """
     times, found, speed = scene.times, dict[str, int](), scene.usual_speed
     if speed > 0:

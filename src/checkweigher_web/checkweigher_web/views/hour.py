@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""View of the last hour, or of a recorded shift, on one time axis."""
+"""View of the items in the last hour, or in a recorded shift, on one time axis."""
 
 from collections.abc import Mapping, Sequence
 import math

@@ -1,6 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""View of the latest item, and of the reason if the lane does not weigh."""
+"""View of the latest item, or of the chosen item in a recorded shift.
+
+If a running lane does not weigh, the view also shows the reason.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""View of the histogram of the masses."""
+"""View with the histogram of the masses of the accepted items."""
 
 import math
 

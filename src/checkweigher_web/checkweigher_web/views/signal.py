@@ -113,10 +113,11 @@ def signal_chart(
     before: Sequence[WeighWindow] = (),
     say: Language = ENGLISH,
 ) -> tuple[Options, list[Mark]]:
-    """Return the figure of an item, with its raw signal or else its window, and the marks.
+    """Return the figure of the signal of an item, and the marks in the figure.
 
-    Only a raw signal has marks. A window is drawn over the windows of earlier items in `before`.
-    Without a signal, the figure contains only a text.
+    The figure shows the raw signal if the item has one, otherwise its window. Only a raw signal has
+    marks. A window is drawn over the windows of earlier items in `before`. Without a signal, the
+    figure contains only a text.
     """
     if item.stretch is not None and load_cell is not None:
         scene = Scene(item, item.stretch, load_cell, say)
