@@ -145,7 +145,7 @@ def _is_covered(known: Sequence[Recorded], speed: float, mass: float) -> bool:
 def lines_of(lacking: Iterable[Load]) -> list[Text]:
     """Return a line for each load that the recorded passes do not cover, and a line of advice.
 
-    `lacking` contains these loads. Returns [] if it is empty.
+    `lacking` contains these loads. Returns [] if `lacking` is empty.
     """
     lines = [
         Text(

@@ -59,7 +59,8 @@ _OF_MASS = (
     ('serial', Text('serial number')),
 )
 _NUMBERS = 'factor', 'passes'
-# Keys whose values belong to one verification, so that the values in the example plan never apply.
+# Keys whose values differ with each verification. The page names those of them whose values are
+# still those of the example plan.
 _OWN = 'operator', 'place', 'environment', 'certificate', 'serial'
 # Distance in m from one product to the next if no passes were recorded.
 _SPACING = 1.0
@@ -96,7 +97,11 @@ class LineFacts(NamedTuple):
 
 
 def new_plan(operator: str, load_cell: LoadCell | None) -> str:
-    """Return the example plan for an operator, with the load cell of the line if it is known."""
+    """Return the example plan with an operator, and with the serial number of a load cell.
+
+    If `operator` or the serial number is empty, or if `load_cell` is None, the value of the example
+    is kept.
+    """
     text, example = EXAMPLE, read_plan(EXAMPLE)
     serial = '' if load_cell is None else load_cell.serial_number
     for before, value in ((example.operator, operator), (example.load_cell['serial'], serial)):
