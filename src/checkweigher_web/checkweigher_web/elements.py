@@ -116,8 +116,8 @@ class Figure(_FromText, ui.echart, component='figure.js'):
     """Figure that ECharts draws from options in JSON. The base class `ui.echart` loads ECharts.
 
     A `linked` figure has a time axis, and emits two events. The event `span` contains both ends of
-    the selected part of the axis, or null for the whole axis. The event `at` contains the time of a
-    click.
+    the selected part of the axis, or null for the whole axis. The event `at` contains the position
+    of a click on the axis. Positions are in ms of local time, as `charts.local_times` returns them.
     """
 
     _of = 'text'

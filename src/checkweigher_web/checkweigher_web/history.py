@@ -101,8 +101,8 @@ class Intervals:
     `times` contains the middle of each interval in ns. `rates` contains the items per minute, and
     `rejects` the fraction of the items that were not accepted. `means` and `std_devs` contain the
     mean and the standard deviation of the gross masses of the accepted items in g. `zeros` contains
-    the mean of the known zeros of the items in g. A value for which an interval has too few items
-    is NaN. The rate of an interval without items is 0.
+    the mean of the known zeros of the items in g, relative to the zero of calibration. A value for
+    which an interval has too few items is NaN. The rate of an interval without items is 0.
     """
 
     times: NDArray[Any]

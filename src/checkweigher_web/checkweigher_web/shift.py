@@ -34,7 +34,8 @@ from checkweigher_web.lane import ShownItem, Span, is_within, joined, with_windo
 from checkweigher_web.mass_series import MassSeries
 from checkweigher_web.raw_signal import RawSignal
 
-_BELT = 20 * NANOSECONDS  # duration in ns of the signal before an item that may show the empty belt
+# Duration in ns of the signal before an item in which a segment of the empty belt is searched for.
+_BELT = 20 * NANOSECONDS
 _AROUND = NANOSECONDS  # margin in ns around a window, because its stamp is not exact
 
 _Cut = tuple[WeighWindow, int]  # window without its samples, and the number of samples
