@@ -43,9 +43,9 @@ class LaneState:
 
     A record is None until it is received. `stop` is also None while no stop is requested. `alarms`
     is empty until the first alarms are received. `zero` is the zero of the belt relative to the
-    calibration, in kg. It is NaN before the first diagnostics of the segmenter, and if the latest
-    ones do not contain it. `is_active` is false if the latest diagnostics of the driver report that
-    the driver is inactive, and true before the first diagnostics.
+    calibration, in kg. `zero` is NaN before the first diagnostics of the segmenter, and if the
+    latest diagnostics do not contain the zero. `is_active` is false if the latest diagnostics of
+    the driver report that the driver is inactive, and true before the first diagnostics.
     """
 
     name: str
@@ -62,8 +62,9 @@ class LaneState:
     def pack_state(self) -> PackState:
         """PackML state of the lane.
 
-        It is STOPPED if the lane is not active, otherwise EXECUTE without a stop request, ABORTED
-        if the stop is due to a problem of the driver, and HELD for any other stop request.
+        The state is STOPPED if the lane is not active. Otherwise, the state is EXECUTE without a
+        stop request, ABORTED if the stop request has the reason DRIVER_TROUBLE, and HELD for any
+        other stop request.
         """
         if not self.is_active:
             return PackState.STOPPED

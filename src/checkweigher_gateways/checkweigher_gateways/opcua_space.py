@@ -103,7 +103,10 @@ class LaneSpace:
         return self._server.get_node(self._id(path))
 
     async def _add(self, path: str, kind: int) -> None:
-        """Add an object of a type in the Scales model, and delete its nodes not in `_KEPT`."""
+        """Add an object of a type in the Scales model.
+
+        The nodes of the object whose browse names are not in `_KEPT` are deleted.
+        """
         parent, _, name = path.rpartition('.')
         above = self._server.get_node(self._id(parent) if path else machines(self._spaces))
         own = ua.QualifiedName(name or self.name, self._spaces.own)
@@ -113,7 +116,7 @@ class LaneSpace:
         await asyncio.sleep(0)  # lets the server answer clients between two objects
 
     async def _prune(self, node: Node) -> None:
-        """Delete all nodes of the lane below a node, except those in `_KEPT`."""
+        """Delete the nodes of the lane below a node whose browse names are not in `_KEPT`."""
         for each in await node.get_references(
             ua.ObjectIds.HierarchicalReferences, ua.BrowseDirection.Forward
         ):
