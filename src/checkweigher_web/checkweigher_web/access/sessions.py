@@ -29,8 +29,8 @@ class Session:
 class Sessions:
     """Sessions of users, by random identifiers.
 
-    A session ends at a logout, after `idle` s without use, or `ABSOLUTE` s after the login. `clock`
-    returns the time in s.
+    A session ends at a logout, after `idle` s without use, `ABSOLUTE` s after the login, or when
+    its user is removed or gets another role or password. `clock` returns the time in s.
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class Sessions:
 def _rights(user: User | None) -> tuple[Role, str] | None:
     """Return the role and the password hash of a user, or None without a user.
 
-    A change of these values ends the sessions of the user. They do not include the keys, because
-    the first signature adds a key.
+    A change of these values ends the sessions of the user. The values do not include the keys of
+    the user, because the first signature adds a key, and must not end the session.
     """
     return (user.role, user.hash) if user else None

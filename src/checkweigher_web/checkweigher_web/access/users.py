@@ -329,7 +329,7 @@ def remove_user(path: Path, name: str) -> None:
 def _users_at(path: Path, *state: int) -> dict[str, User]:
     """Return the users of a file.
 
-    Only the latest result is cached. It is returned again until `path` or `state` changes.
+    Only the latest result is cached. The file is read again when `path` or `state` changes.
     """
     return read_users(path)
 
