@@ -104,8 +104,8 @@ class Language:
     def knows(self, text: str) -> bool:
         """Return whether a text, which may come from a node, can be shown in this language.
 
-        This is true for a text with a translation, for an empty text, for any `Text`, and in
-        English for any text.
+        Returns true for a text with a translation, for an empty text, for any `Text`, and, if this
+        language is English, for any text.
         """
         translated = isinstance(text, Text) or self._texts.gettext(text) != text
         return not text or translated or self.name == _SOURCE
@@ -113,7 +113,7 @@ class Language:
     def number(self, value: float, digits: int, unit: str = '', sign: str = '') -> str:
         """Return the text for a number and its unit, or a dash if it is not finite.
 
-        If `sign` is '+', positive numbers have a plus sign.
+        If `sign` is '+', a number that is not negative has a plus sign.
         """
         if not math.isfinite(value):
             return '–'
