@@ -34,7 +34,9 @@ class AuditView:
 
     whole: bool
     conclusion: str  # conclusion of the command `audit`, or the reason why the log cannot be read
-    seals_hold: bool | None = None  # None if the seals were not verified
+    # Whether the seals are valid. False if there is a key but no file of seals, and None if the
+    # seals were not verified.
+    seals_hold: bool | None = None
     seals: str = ''  # state of the seals, or '' if the conclusion contains it
     count: str = ''  # text with the number of entries, or '' if the log cannot be read.
     # A row with the cells of HEADS for each shown entry, the newest entry first.

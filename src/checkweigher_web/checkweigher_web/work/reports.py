@@ -57,7 +57,11 @@ def _file(services: LaneServices, kind: str, name: str, ending: str) -> Path | N
 
 
 def list_reports(lane: str, kind: str, reports: Iterable[tuple[str, str]]) -> None:
-    """Show links to reports, each of which is given as its name in the address and its text."""
+    """Show links to reports of a lane, to each as HTML and as JSON.
+
+    `kind` is `BATCH` or `VERIFICATION`. `reports` contains the name of each report, which is a part
+    of its address, and the text before its links.
+    """
     for name, text in reports:
         with ui.element('li'):
             ui.label(f'{text}: ')
