@@ -43,7 +43,7 @@ class ItemListView(View):
 def rows_of(look: Look) -> str:
     """Return at most `_SHOWN` rows of the list as JSON.
 
-    They contain the chosen item if it is one of the selected items, otherwise the latest items.
+    The rows contain the chosen item if it is one of the selected items, otherwise the latest items.
     """
     drawing, items = look.drawing, look.items()
     keys = [row_key(item) for item in items] if look.chosen else []

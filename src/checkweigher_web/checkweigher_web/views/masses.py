@@ -103,7 +103,8 @@ def limits_of(
     """Return the limits of the gross mass in g by English name, in increasing order.
 
     The limits are taken from the `latest` verdict. TU1, TU2 and the nominal mass are included if
-    the statistics refer to the product and the batch. Equal limits share one entry.
+    the statistics refer to the product and the batch. Limits that are infinite or NaN are left out.
+    Equal limits share one entry.
     """
     known: dict[str, float] = {}
     if statistics is not None and (statistics.product, statistics.batch) == (product, batch):

@@ -61,8 +61,8 @@ def figures(
     """Return the main figures, each with its name, its value as text, and points of its course.
 
     The course covers the last hour before `now` in ns, or the time since the first item if that is
-    less than an hour, but at least 1 min. It is divided into intervals, and each interval that has
-    a value is a point. The points are in SVG format, in a frame of 100 by 30.
+    less than an hour, but at least 1 min. This time is divided into intervals, and each interval
+    that has a value is a point. The points are in SVG format, in a frame of 100 by 30.
     """
     since = int(history.stamps[0]) if len(history.stamps) else now
     length = min(max(now - since, _MINUTE), HOUR)

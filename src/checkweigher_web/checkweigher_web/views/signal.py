@@ -177,7 +177,10 @@ def _times(window: WeighWindow) -> NDArray[np.float64]:
 
 
 def _overlaid(windows: Sequence[WeighWindow], say: Language) -> list[Options]:
-    """Return the raw signals of windows, one over the other, as one series with few points."""
+    """Return the raw signals of windows as one series, or [] if there are no windows.
+
+    The series contains only about `_POINTS` points of each signal, and a gap after each signal.
+    """
     points: list[list[float | None]] = []
     for window in windows:
         step = max(1, len(window.counts) // _POINTS)
@@ -271,8 +274,8 @@ def _bars(edges: Sequence[Edge], row: float, shown: tuple[float, float], *, was_
     """Return a bar for each time in which an eye was blocked.
 
     The `edges` are in order of time and include missing edges. The position of the bars on the y
-    axis is `row`. The time axis covers the range `shown` in ms. `was_seen` is true if the eye
-    detected the start of the bar that begins at the left end.
+    axis is `row`. The time axis covers the range `shown` in ms. `was_seen` is false if a bar that
+    begins at the left end must be drawn dashed, because its start is not known.
     """
     bars: Bars = {True: [], False: []}
     since = (shown[0], was_seen) if edges and not edges[0][1] else None
