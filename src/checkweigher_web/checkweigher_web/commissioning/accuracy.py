@@ -60,11 +60,11 @@ def _changes(
     reason: str,
     say: Language,
 ) -> tuple[str, ...]:
-    """Return a line per speed with the accuracy now and after training, and a line on the best one.
+    """Return lines with the accuracy now and after training, and a line on the best estimator.
 
-    The best estimator is the chosen one, or the most accurate one if the lines name no choice.
-    If training does not improve the accuracy clearly, a single line states this. Without
-    estimators, there are no lines.
+    There is a line for each speed at which both accuracies are known. The best estimator is the
+    chosen one, or the most accurate one if none is chosen. If training does not improve the
+    accuracy clearly, a single line states this. Without estimators, there are no lines.
     """
     if not names:
         return ()

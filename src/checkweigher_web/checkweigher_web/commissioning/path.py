@@ -175,8 +175,8 @@ class _Button:
 def _steadiness(change: float) -> float:
     """Return the length of the stability bar for a change of the load in kg within 1 s.
 
-    The length is 1 for a load at rest. It is 0 if the change is NaN, or `_MOVES` times `_AT_REST`
-    or more.
+    The length is 1 for a load at rest. The length is 0 if the change is NaN, or if it is at least
+    `_MOVES` times `_AT_REST`.
     """
     if math.isnan(change):
         return 0.0

@@ -165,7 +165,11 @@ def with_test(text: str, key: str, *, made: bool) -> str:
 
 
 def _fitted(section: Any, loads: Iterable[str], load: str, speed: float) -> Any:
-    """Return a section of the example plan with the loads and the speed of another plan."""
+    """Return a section of the example plan with the loads and the speed of another plan.
+
+    Keys that the section does not contain are not added. If the section is a list, only the load of
+    each entry is replaced.
+    """
     if isinstance(section, list):
         return [{**each, 'load': load} for each in section]
     own = {'load': load, 'loads': list(loads), 'speed_m_per_min': speed}
@@ -173,7 +177,7 @@ def _fitted(section: Any, loads: Iterable[str], load: str, speed: float) -> Any:
 
 
 def summary(text: str, known: LineFacts) -> tuple[Text, list[tuple[Text, str]], list[Text]]:
-    """Return a summary of a plan, its steps as rows, and lines on the faults of the plan.
+    """Return a summary of a plan, its steps as rows, and lines on its shortcomings.
 
     The lines name the values that are still those of the example plan, the reasons why the plan
     cannot pass, and the steps that cannot be decided because the uncertainty will be too large. If
