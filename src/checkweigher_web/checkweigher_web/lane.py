@@ -187,7 +187,8 @@ class Lane:
     def _begin_stream(self) -> None:
         """Drop samples, edges and reference masses.
 
-        They must not be mixed with those of the new stream, whose stamps may be earlier.
+        Records of the previous stream must not be mixed with those of a new stream, whose stamps
+        may be earlier.
         """
         for records in (self._blocks, self._latest[EyeEdge], self._latest[Reference]):
             records.clear()
