@@ -22,7 +22,8 @@ Call = Callable[..., Awaitable[Any]]
 
 _CHECKWEIGHER, _PRODUCT, _RANGE, _REJECTED, _EVENT, _ALARM = 45, 46, 23, 1028, 13, 21
 _MANUFACTURER = 'Checkweigher maintainers'
-# Browse names of the nodes that an instance keeps. Its other nodes and placeholders are deleted.
+# Browse names of the nodes that are kept of an instance of a type. The other nodes of the instance,
+# such as placeholders, are deleted.
 _KEPT = {
     'AvailableStates', 'AvailableTransitions', 'BatchId', 'CurrentProducts', 'CurrentState',
     'CurrentWeight', 'EURange', 'EngineeringUnits', 'ExecuteState', 'Id', 'Identification',
