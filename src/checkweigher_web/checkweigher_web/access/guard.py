@@ -63,7 +63,7 @@ class Access:
         # Browsers send a cookie to all ports of a host, so the cookie name contains the port.
         self.cookie = f'{"__Host-" if site.secure else ""}checkweigher-{site.port}'
         self._first_code = secrets.token_hex(5)
-        # Identifiers of the pages that were no longer to be shown at the last call of `expel`.
+        # Identifiers of the pages that could no longer be shown when `expel` was last called.
         self._ended: set[str] = set()
 
     @property
