@@ -16,8 +16,9 @@ from babel.numbers import get_decimal_symbol
 
 from checkweigher_core.records import GRAMS, local_time
 
-LANGUAGE, UNIT = 'checkweigher-language', 'checkweigher-unit'  # names of cookies for the choice
-FOLDER = Path(__file__).parent  # folder with a catalogue NAME.po for each language but English
+# Names of the cookies in which the browser stores the language and the unit that a user has chosen.
+LANGUAGE, UNIT = 'checkweigher-language', 'checkweigher-unit'
+FOLDER = Path(__file__).parent  # folder with a catalogue NAME.po for each language except English
 _SOURCE = 'en_US'
 NAMES = (_SOURCE, *sorted(path.stem for path in FOLDER.glob('*.po')))
 # Number of units in 1 kg, and number of decimals of a mass in addition to those of a mass in g.

@@ -125,7 +125,7 @@ _VALUES = {
 
 
 class _Table:
-    """Texts that can be translated, by their patterns."""
+    """Table of texts that can be translated, in which `find` looks up a message."""
 
     def __init__(self, texts: Iterable[Text]) -> None:
         # The texts with the most letters are first, because a message may match several of them.
