@@ -30,7 +30,7 @@ _TEXT = Text(
     'back, or until the driver is started again. An empty field is as configured. The belt always '
     'runs, and its width is not simulated: products for the test of eccentricity pass as always.'
 )
-# Largest displacement of an eye in mm.
+# Largest displacement in mm of a photo-eye that its slider allows, in both directions.
 _FARTHEST = 60
 # Fields for numbers: parameter, label, unit, and factor from the parameter to the unit. The unit ''
 # and the factor 0 stand for masses, which are in the unit of the user.

@@ -60,7 +60,7 @@ class _Entry:
     unit: str = ''
     factor: float = 0.0
     place: int | None = None
-    words: tuple[str, ...] = ()  # allowed values that are not numbers
+    words: tuple[str, ...] = ()  # words that the field accepts instead of a number
 
     def text(self, keys: Mapping[str, Any], say: Language) -> str:
         """Return the text of the field for a recipe, or '' if the recipe lacks the key."""
