@@ -28,7 +28,7 @@ from checkweigher_web.languages.language import Mass, Text
 from checkweigher_web.languages.wording import in_grams, in_words
 from checkweigher_web.work.services import ActionRefusedError, LaneServices
 
-_MANAGED = 'reject', 'driver'  # nodes in the order of their activation
+_MANAGED = 'reject', 'driver'  # life-cycle nodes in the order in which they are activated
 _STEPS = {
     State.PRIMARY_STATE_UNCONFIGURED: Transition.TRANSITION_CONFIGURE,
     State.PRIMARY_STATE_INACTIVE: Transition.TRANSITION_ACTIVATE,

@@ -33,7 +33,7 @@ class AuditView:
     """Texts that the page shows about an audit log."""
 
     whole: bool
-    conclusion: str  # conclusion of the command `audit`, or the reason why the log cannot be read
+    conclusion: str  # conclusion as the command `audit` prints it, or why the log cannot be read.
     # Whether the seals are valid. False if there is a key but no file of seals, and None if the
     # seals were not verified.
     seals_hold: bool | None = None

@@ -39,7 +39,7 @@ _NEEDS_LOGIN = {
 
 
 class Desk:
-    """Access of one user to a lane.
+    """Access of one user to a lane, with the role, the actions and the signatures of the user.
 
     `services` returns the services of the lane, and `auditor` reads its audit log. `say` is the
     language of the user, and `plan` is the text of the verification plan that the user edits.

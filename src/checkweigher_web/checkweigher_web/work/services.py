@@ -110,7 +110,7 @@ class Outcome:
 class LoadRead(NamedTuple):
     """Reading of a load by the calibration in use, and its standard error, both in kg."""
 
-    load: Text  # text on the load for the user
+    load: Text  # name of the load for the user: its known mass, or 'empty belt'
     mass: float
     uncertainty: float
 
@@ -349,7 +349,7 @@ async def _ready(is_ready: Callable[[], bool], node: str) -> None:
 
 
 class Workshop:
-    """Services of the lanes on which users have worked, by the namespace of the lane."""
+    """`LaneServices` of the lanes on which users have worked, by the namespace of the lane."""
 
     def __init__(self, spinner: Spinner, name: str = PAGE_WORK) -> None:
         self._spinner, self._name = spinner, name
