@@ -15,7 +15,7 @@ from checkweigher_web.languages.wording import from_node
 from checkweigher_web.views.signal import Signal, item_text, signal_of, signal_texts
 from checkweigher_web.views.view import View
 
-_FAULT = 'fault'  # source of alarms that items raise
+_FAULT = 'fault'  # `source` of an alarm that was raised because an item is a fault
 _HEADS = (
     Text('order'),
     Text('alarm'),

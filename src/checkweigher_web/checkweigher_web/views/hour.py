@@ -128,7 +128,7 @@ def hour(drawing: Drawing, say: Language = ENGLISH, *, live: bool) -> str:
     The figure is cached until the records of the lane change. If `MAX_ITEMS` items are known, the
     figure of a running lane is drawn only every `_RARELY` s.
     """
-    many = len(drawing.items()) >= MAX_ITEMS  # the list of a running lane is full
+    many = len(drawing.items()) >= MAX_ITEMS  # whether the item list of a running lane is full
     now = int(time.monotonic() / _RARELY) if many and live else drawing.lane.version
     return drawing.once(('hour', say), now, lambda: json.dumps(_draw(drawing, say, live=live)))
 

@@ -29,7 +29,7 @@ _DOTS = 20  # maximum number of items on the scale, including the item of the re
 _ROOM = 0.12  # margins of the scale outside the limits, as a fraction of their range
 _NARROWEST = 300  # width in px of the scale on a phone
 _WEIGHS = ('driver', *STAGES)
-# Texts for the states of the driver in which the lane does not weigh.
+# Reasons why a lane does not weigh, by the state of its driver.
 ENDED = {
     'inactive': Text('weighing is stopped'),
     'finished': Text('weighing has ended, for the source has'),

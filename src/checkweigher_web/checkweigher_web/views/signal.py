@@ -30,8 +30,9 @@ _LEAD = 0.5  # longest time before t1 that is shown, as a fraction of t3 - t1.
 
 # Time in ms of an edge, whether the eye becomes blocked, and whether the edge was detected.
 Edge = tuple[float, bool, bool]
-Signal = tuple[ShownItem, list[WeighWindow]]  # item with its signals, and windows before it
-Bars = dict[bool, list[list[float | None]]]  # points of lines, by whether both ends were detected
+Signal = tuple[ShownItem, list[WeighWindow]]  # item with its signals, and windows before it.
+# Points of the bars as data of ECharts lines, by whether both ends of a bar were detected.
+Bars = dict[bool, list[list[float | None]]]
 
 
 class SignalView(View):
@@ -256,7 +257,10 @@ def _number(raw: Options, marks: Sequence[Mark], origin: int) -> None:
 def _add_rows_of_eyes(
     figure: Options, shown: tuple[float, float], name: str, say: Language
 ) -> None:
-    """Add a row for each eye with the same time axis below a figure."""
+    """Add a chart below a figure, with the same time axis and a row for each eye.
+
+    The time axis covers the range `shown` in ms, and `name` is its label.
+    """
     upper = figure['xAxis'] | {'min': shown[0], 'max': shown[1]}
     lower = upper | {'gridIndex': 1, 'name': name}
     eyes = {

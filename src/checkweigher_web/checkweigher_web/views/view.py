@@ -29,7 +29,7 @@ FAST, SLOW = 0.1, 1.0  # periods of the updates in s
 
 @dataclass
 class Look:
-    """State of one viewer of a lane.
+    """Data that the page shows to one viewer of a lane, with the choices and rights of the viewer.
 
     `board` contains the diagnostics, or is None for a recorded shift. `keep` writes an item as a
     bag, or is None if the viewer may not keep items. `work` maps the label of each allowed action
