@@ -98,7 +98,7 @@ def usual_spacing(known: Iterable[Recorded]) -> float:
 
 
 def loads_of(plan: str) -> list[Load]:
-    """Return the belt speed and the mass for each step in which a load passes over the belt.
+    """Return the speed in m/s and the mass in kg for each step in which a load passes the belt.
 
     `plan` is the text of a verification plan. Steps outside the range of speeds are left out,
     because their passes must be faults. Returns [] if the plan is not valid.
