@@ -181,7 +181,7 @@ class OpcuaGateway(Gateway):
             await self._show_products(taken.lane)
 
     async def turn(self) -> None:
-        """Update the state of each lane."""
+        """Update the nodes that show the state of each lane."""
         for space in self._lanes.values():
             await space.update()
 

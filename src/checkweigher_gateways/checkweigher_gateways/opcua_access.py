@@ -106,7 +106,8 @@ class _Processor(UaProcessor):
         session = self.session or self.iserver.lookup_external_session(header.AuthenticationToken)
         if session is None or not isinstance(token, ua.UserNameIdentityToken):
             return None
-        with suppress(Exception):  # asyncua itself refuses an invalid token
+        # Ignore an invalid token here, because asyncua itself refuses it.
+        with suppress(Exception):
             name, password = self.iserver.decrypt_user_token(session, token)
             return await self.iserver.user_manager.check(name, password)
         return None

@@ -106,7 +106,7 @@ class LaneSpace:
     async def _add(self, path: str, kind: int) -> None:
         """Add an object of a type in the Scales model.
 
-        The nodes of the object whose browse names are not in `_KEPT` are deleted.
+        Each node of the object is deleted unless its browse name is in `_KEPT`.
         """
         parent, _, name = path.rpartition('.')
         above = self._server.get_node(self._id(parent) if path else machines(self._spaces))
@@ -117,7 +117,7 @@ class LaneSpace:
         await asyncio.sleep(0)  # lets the server answer clients between two objects
 
     async def _prune(self, node: Node) -> None:
-        """Delete the nodes of the lane below a node whose browse names are not in `_KEPT`."""
+        """Delete each node of the lane below `node`, unless its browse name is in `_KEPT`."""
         for each in await node.get_references(
             ua.ObjectIds.HierarchicalReferences, ua.BrowseDirection.Forward
         ):

@@ -22,8 +22,9 @@ _KNOWN = 20_000  # number of latest items that are kept after they were sent
 class Store:
     """Numbered items, which wait until the broker has received them.
 
-    An item whose key is known is not added, because a restarted gateway receives the latest items
-    again. If more than `limit` items wait, the oldest item is dropped and counted.
+    An item whose key is in the file is not added again, because a restarted gateway receives the
+    latest items again. If more than `limit` items wait, the oldest waiting item is dropped and
+    counted.
 
     Attributes
     ----------
