@@ -30,7 +30,7 @@ _SHORTEST = 10 * NANOSECONDS
 _MANY, _RARELY = 1000, 10
 # Width in ns of a bin. The accepted items in a bin share one tick.
 _TICK = NANOSECONDS // 2
-# Heights of the charts in px.
+# Heights of the charts in px, from top to bottom.
 _HEIGHTS = 34, 62, 84, 62, 50, 34
 
 
