@@ -66,7 +66,8 @@ class DynamicStep(Step):
         self._bar = ui.linear_progress(0, show_value=False, size='1rem')
         named(self._bar.props('instant-feedback'), self.say('part that is done'))
         self._recorded = named(Lines().classes('lines'), self.say('recorded passes'))
-        self._recorded.props('tabindex=0')  # so that the arrow keys can scroll a long list
+        # Let the list take the keyboard focus, so that the arrow keys can scroll a long list.
+        self._recorded.props('tabindex=0')
         self._doubts = named(Lines().classes('lines doubts'), self.say('not recorded yet'))
         self._changes = named(Lines().classes('lines changes'), self.say('now and after'))
         with scrolled('accuracy', self.say('accuracy')):
@@ -271,7 +272,8 @@ class DynamicStep(Step):
     async def _drop(self) -> None:
         async def drop() -> str:
             now = self.services.setting
-            if now is None or self._works(now):  # The service would cancel the running action.
+            # Refuse this while an action runs, because the service would cancel the action.
+            if now is None or self._works(now):
                 raise ActionRefusedError('busy')
             await self.services.message(ports.CANCEL_PASSES)
             return Text('dropped: the line keeps what it has')

@@ -276,7 +276,10 @@ class VerifyStep(Step):
         await self.perform(Text('break off verification'), end)
 
     async def _answer(self, answer: StepAnswer, what: Text) -> None:
-        """Answer the question on the page. The verifier refuses an answer to an older question."""
+        """Send the user's answer to the question that the page shows, if there is one.
+
+        The verifier refuses the answer if it asks another question by then.
+        """
         seen = self._said
         if seen is None or not seen.steps:
             return
