@@ -301,7 +301,8 @@ class Lane:
         if signal is None:
             return None
         begin, edges = signal.blocks[0].stamp, signal.edges
-        if len(edges) == _MAX_EDGES:  # Edges before the first one may have been dropped.
+        # Begin at the first edge if earlier edges may have been dropped.
+        if len(edges) == _MAX_EDGES:
             begin = max(begin, edges[0].stamp)
         if signal.blocks[-1].stamp < begin:
             return None
