@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 Option = tuple[Any, ...]  # usage, kind, help and default of an option, see `_add`
-REQUIRED = {'required': True}  # keyword of an option that has no default and must be given
+REQUIRED = {'required': True}  # argument of `add_argument` for an option that must be given
 
 PARAMS: Option = ('--params FILE', Path, 'ROS parameter file (YAML)')
 NAMESPACE: Option = ('--namespace NAME', str, 'namespace of the lane', '')
@@ -68,7 +68,10 @@ TUNING: tuple[Option, ...] = (
 
 
 def bags(text: str) -> Option:
-    """Return the argument for one or more bags. The help text begins with `text`."""
+    """Return the definition of a positional argument for one or more bags.
+
+    The help text of the argument begins with `text`.
+    """
     where = 'a folder, an .mcap file, a URL such as s3://STORE/BAG, or a folder that contains bags'
     return 'bags BAG', [str], f'{text}: {where}'
 

@@ -77,7 +77,7 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the table and write the files. Return 1 if a bag was skipped, otherwise 0."""
+    """Print the table and write the requested files. Return 1 if a bag was skipped, else 0."""
     from checkweigher_bringup.evaluation import evaluate, evaluate_family
     from checkweigher_bringup.settings import on_scheduler_of
 

@@ -52,7 +52,8 @@ OPTIONS = (
 def run(arguments: argparse.Namespace) -> int:
     """Run the procedure and write its report. Return 0 if everything passed, otherwise 1.
 
-    With `--example` or `--steps`, print an example of a plan or the steps, and return 0.
+    With `--example` or `--steps`, print an example of a plan or the steps of the given plan, and
+    return 0.
     """
     from checkweigher_validation.verification.plan import EXAMPLE
 
@@ -79,7 +80,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _verify_by_line(arguments: argparse.Namespace) -> int:
-    """Let the node `verifier` of a line run the procedure, and return the exit status."""
+    """Let the node `verifier` of a running line run the procedure, and print its verdict.
+
+    Returns 0 if the verdict is "passed", otherwise 1. Raises `UserError` if an option that needs
+    `--output` was given, or the line does not perform the verification.
+    """
     from checkweigher_bringup.commissioning.line_guide import verify_line
     from checkweigher_bringup.commissioning.verification import plan_of
     from checkweigher_bringup.settings import check_namespace
@@ -94,7 +99,10 @@ def _verify_by_line(arguments: argparse.Namespace) -> int:
 
 
 def _reports_of(bags: dict[str, str], arguments: argparse.Namespace) -> int:
-    """Write the report of each bag again, into a folder with the name of the bag.
+    """Write the report of each bag again, each into a folder of its own in the output folder.
+
+    `bags` contains the relative path of the folder for each bag. Bags that cannot be read are
+    reported on stderr and skipped.
 
     Returns 1 if a verification did not pass or a bag could not be read, otherwise 0.
     """

@@ -46,7 +46,7 @@ OPTIONS = (
     ('--estimator NAME', str, 'estimator to train; default: the best one on held-out passes'),
     ('--budget N', int, 'largest number of evaluations, as in tune; default 240'),
 )
-# Options that need --output, because a line without it uses its own settings.
+# Options that need --output, because without --output the running line uses its own settings.
 _OWN = 'source', 'open', 'params', 'duration', 'tolerance', 'bags', 'estimator', 'budget'
 
 
@@ -54,6 +54,9 @@ def run(arguments: argparse.Namespace) -> int:
     """Guide the user through the masses or the speeds.
 
     With `--output`, write a parameter file. Otherwise, let the line write its own files.
+
+    Raises `UserError` or `CalibrationError` if options are missing or cannot be used together, or
+    if the calibration or the training cannot be completed.
     """
     if not (arguments.masses or arguments.zero or arguments.dynamic):
         raise UserError(

@@ -13,7 +13,7 @@ import time
 
 from checkweigher_bringup.commands import DURATION, NAMESPACE
 
-_PATIENCE = 5.0  # time in s without a verdict after which the reason is shown, if it is a new one
+_PATIENCE = 5.0  # time in s without a verdict after which a new reason for this is shown
 _POLL_PERIOD = 0.2  # s
 
 OPTIONS = (NAMESPACE, ('--count N', int, 'end after N verdicts'), DURATION)

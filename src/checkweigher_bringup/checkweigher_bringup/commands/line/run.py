@@ -82,6 +82,8 @@ def run(arguments: argparse.Namespace) -> int:
 def _page_options(arguments: argparse.Namespace) -> list[str] | None:
     """Return the options for the command `page`, or None if the page is not served.
 
+    The page is served if `--page` or one of the options of the page was given.
+
     Raises `PageError` or `CertificateError` if the page cannot be served.
     """
     from checkweigher_web.access.site import Site

@@ -41,7 +41,7 @@ OPTIONS = (
 def run(arguments: argparse.Namespace) -> int:
     """Print tables until a signal arrives, or an option ends the command.
 
-    Returns 1 if a node has an error or is silent, otherwise 0.
+    Returns 1 if a node reports an error, or is silent at the end, otherwise 0.
     """
     from checkweigher_bringup.settings import check_namespace, check_positive
     from checkweigher_bringup.spinning import spinning
@@ -106,7 +106,11 @@ def _print(rows: 'list[Row]', arguments: argparse.Namespace, *, heard: bool) -> 
 
 
 def lane_table(rows: 'Iterable[Row]', width: int) -> Iterator[str]:
-    """Yield the lines of a table with one row for each lane. `width` is as in `table`."""
+    """Yield the lines of a table with one row for each lane.
+
+    The lines are at most `width` columns wide. If less than `_NARROWEST` columns would remain for
+    the messages, the messages get `_NARROWEST` columns, and the lines are wider than `width`.
+    """
     from checkweigher_core.ros.status_board import by_lane
 
     lanes = by_lane(rows)
@@ -122,8 +126,9 @@ def lane_table(rows: 'Iterable[Row]', width: int) -> Iterator[str]:
 def table(rows: 'Iterable[Row]', width: int, *, values: bool) -> Iterator[str]:
     """Yield the lines of a table of diagnostics.
 
-    The table is `width` columns wide, or wider if the texts would have less than `_NARROWEST`
-    columns. Rows that are not OK also show their values. With `values`, all rows show their values.
+    The lines are at most `width` columns wide. If less than `_NARROWEST` columns would remain for
+    the messages, the messages get `_NARROWEST` columns, and the lines are wider than `width`. Rows
+    that are not OK also show their values. With `values`, all rows show their values.
     """
     from checkweigher_core.health.findings import Level
 

@@ -30,7 +30,12 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Change the file of the users, or list its users."""
+    """Change the users file, or print the name and the role of each user in the file.
+
+    Raises `UserError` if NAME or `--role` is missing or not allowed for the action, or if the two
+    typed passwords differ. Raises `UsersError` or `OutputError` if the users file cannot be read or
+    changed, or if the name or the password is not allowed.
+    """
     from checkweigher_web.access import users as accounts
 
     path = arguments.users or accounts.default_users()
@@ -59,7 +64,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _password(name: str) -> str:
-    """Return a password that is typed twice, or the first line of an input from a file or pipe.
+    """Return the new password of a user from the standard input.
+
+    At a terminal, the user types the password twice. Otherwise, the password is the next line of
+    the standard input.
 
     Raises `UserError` if the two typed passwords differ.
     """

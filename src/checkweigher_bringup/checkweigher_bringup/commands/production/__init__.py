@@ -1,15 +1,16 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Commands for batches, performance tests, and the audit log."""
+"""Commands for batches, giveaway, tares, signatures, performance tests, and the audit log."""
 
 from pathlib import Path
 from typing import Any
 
 
 def write_claim(log: Path, lane: str, kind: str, subject: str, value: Any, who: str) -> None:
-    """Write an entry to an audit log, through the line if it has the log open.
+    """Write an entry to the audit log `log`.
 
-    The entry states that the name `who` is a claim, because the log cannot check it. Raises
+    If a running line has the log open, the node `product` of the lane `lane` writes the entry. The
+    entry states that the name `who` is a claim, because the log cannot check it. Raises
     `AuditError` or `UserError` if the entry cannot be written.
     """
     import time

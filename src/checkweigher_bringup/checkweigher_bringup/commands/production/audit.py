@@ -45,6 +45,8 @@ OPTIONS = (
 def run(arguments: argparse.Namespace) -> int:
     """Print the changes in a log or, with `--all`, the faults in the folder of a machine.
 
+    With `--seal`, also seal the log if it has no fault.
+
     Returns 1 if there is a fault, such as a broken chain or a contradiction to the seals, otherwise
     0.
     """
@@ -58,7 +60,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _check_log(arguments: argparse.Namespace) -> int:
-    """Print the changes in one log. Return 1 if there is a fault, otherwise 0."""
+    """Print the changes in one log. Return 1 if there is a fault, otherwise 0.
+
+    With `--seal`, also seal the log if it has no fault.
+    """
     from checkweigher_production.audit_log import read_log
     from checkweigher_production.audit_seal import hold_to_seals, public_key, seals_path
 
@@ -90,7 +95,10 @@ def _lines(found: 'Verification', seals: 'Sequence[Seal]') -> Iterator[str]:
 
 
 def _check_folder(arguments: argparse.Namespace) -> int:
-    """Print the faults in the folder of a machine. Return 1 if there is a fault, otherwise 0."""
+    """Print the summary and the faults of a machine folder. Return 1 if there is a fault, else 0.
+
+    If there are faults, the folder is checked a second time, after `_PATIENCE` s.
+    """
     from checkweigher_bringup.audit_folder import faults_in, summary
     from checkweigher_bringup.batch_report import signers_of
     from checkweigher_production.audit_chain import LOG_FILE, read_chain
@@ -146,7 +154,11 @@ def _seal(arguments: argparse.Namespace, found: 'Verification', seals_file: Path
 
 
 def _as_json(found: 'Verification', seals: 'Sequence[Seal]') -> dict[str, Any]:
-    """Return the entries before the first damaged line, the problem of this line, and the seals."""
+    """Return the entries of a log before the first fault, the fault, and the seals, for JSON.
+
+    The fault consists of the kind of the problem, the reason, and the number of the faulty line if
+    it is known. Values that do not exist are None.
+    """
     return {
         'whole': found.whole,
         'bad_line': found.bad_line or None,
@@ -159,7 +171,10 @@ def _as_json(found: 'Verification', seals: 'Sequence[Seal]') -> dict[str, Any]:
 
 
 def _table(entries: 'Sequence[Entry]', widest: int | None) -> Iterator[str]:
-    """Yield the lines of a table of entries, with at most `widest` characters of each value."""
+    """Yield the lines of a table of entries, with at most `widest` characters of each value.
+
+    If `widest` is None, the values are not shortened.
+    """
     from checkweigher_production.audit_words import changes, shortened
 
     yield f'{"entry":>5}  {"time, UTC":32}  {"who":16}  {"kind":11}  what: old -> new, why'

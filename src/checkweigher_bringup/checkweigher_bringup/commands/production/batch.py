@@ -55,8 +55,9 @@ OPTIONS = (
 def run(arguments: argparse.Namespace) -> int:
     """Print the figures, and write the files.
 
-    Returns 1 if the record cannot be trusted or the batch does not meet a rule, otherwise 0. With
-    `--item`, only the verdicts on the item are printed, and no file is written.
+    Returns 1 if the record cannot be trusted, or if a product fails the packers' rules or the
+    reference test, otherwise 0. With `--item`, only the verdicts on the item are printed, no file
+    is written, and 0 is returned.
     """
     from checkweigher_bringup.batch_report import batch_lines, fails, write_report
     from checkweigher_bringup.output import check_output_file

@@ -36,7 +36,10 @@ OPTIONS = (
 def run(arguments: argparse.Namespace) -> int:
     """Check the password and the document, and write the signature to the audit log.
 
-    If the password is wrong, the refusal is written to the audit log.
+    If the password is wrong, the refusal is written to the audit log, and `LineError` is raised.
+
+    Raises `LineError` if the signature is refused, and `UserError` if the log has no entry on the
+    document, or if the user does not exist or may not sign.
     """
     from checkweigher_bringup.commands.production import write_claim
     from checkweigher_core.changes import PERSON, SIGNATURE
@@ -62,9 +65,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _found(arguments: argparse.Namespace) -> tuple[Path, Callable[[], 'Signable']]:
-    """Return the audit log, and a function that reads the document to be signed.
+    """Return the path of the audit log, and a function that reads the document to be signed.
 
-    Raises `UserError` if the log has no entry on the document.
+    Raises `UserError` if the log has no entry on the verification, or no entry with the given
+    number. For a batch record, only the returned function compares the record with the log.
     """
     from functools import partial
 
