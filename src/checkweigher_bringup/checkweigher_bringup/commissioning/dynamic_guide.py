@@ -29,8 +29,8 @@ _TOLERANCE = 0.05  # maximum relative difference between the requested and the a
 def set_dynamically(arguments: argparse.Namespace) -> None:
     """Record passes at each speed, train, and replace the parameter file if the user confirms.
 
-    Raises `UserError` if the options cannot be used together, passes are missing, or the standard
-    input ends.
+    Raises `UserError` if the options cannot be used together, if a recording has fewer passes than
+    requested, or if the standard input ends.
     """
     _check(arguments)
     output: Path = arguments.output
@@ -77,7 +77,8 @@ def _record_at(
 ) -> Path:
     """Record passes into a new bag until their belt speed is `speed` in m/min; return the last bag.
 
-    The speed may differ by `_TOLERANCE`. Raises `UserError` if a recording has too few passes.
+    The relative difference of the speeds may be up to `_TOLERANCE`. Raises `UserError` if a
+    recording has fewer passes without faults than requested.
     """
     while True:
         ask(f'Set the belt to {speed:g} m/min and run the line')
@@ -99,14 +100,17 @@ def _record_at(
 
 
 def belt_speed(passes: Iterable[KnownPass]) -> float:
-    """Return the median belt speed in m/min of the passes whose speed is known."""
+    """Return the median belt speed in m/min of the passes whose speed is known.
+
+    Raises `StatisticsError` if the speed of no pass is known.
+    """
     return _MINUTE * median(filter(math.isfinite, (each.window.belt_speed for each in passes)))
 
 
 def other_speed(found: float, wanted: float) -> str:
-    """Return a text if a belt speed differs from the wanted one, both in m/min, otherwise ''.
+    """Return a text if the belt speeds `found` and `wanted` differ, both in m/min, otherwise ''.
 
-    A difference of `_TOLERANCE` is allowed.
+    A relative difference of up to `_TOLERANCE` is allowed.
     """
     same = abs(found / wanted - 1) <= _TOLERANCE
     return '' if same else f'the belt ran at {found:.2f} m/min, not at {wanted:g} m/min'

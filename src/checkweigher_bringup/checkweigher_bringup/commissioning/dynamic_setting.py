@@ -241,7 +241,8 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         If the file cannot be replaced, a second entry states this.
 
         Raises `UserError` if there is no new parameter file, a child process runs, the first entry
-        cannot be written, or the file cannot be replaced.
+        cannot be written, the new file has changed while the entry was written, or the parameter
+        file cannot be replaced.
         """
         self._check_idle()
         learned = self._candidate()
@@ -264,7 +265,11 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         return text
 
     def _restart(self, request: Any, response: Any) -> str:
-        """Request a restart of the line, which then reads the parameter file again."""
+        """Request a restart of the line, which then reads the parameter file again.
+
+        Raises `UserError` if the line was not started by `run --folder`, so that the parameter
+        `restart_file` is empty, or if the file of the request cannot be written.
+        """
         file = self.parameters.restart_file
         if not file:
             raise UserError('only a line of `run --folder` can be restarted by this service')
@@ -277,7 +282,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
     # The child process
 
     def _interrupt(self, child: subprocess.Popen[bytes]) -> None:
-        """Send SIGTERM to a child process and to the worker processes for which it waits.
+        """Send SIGTERM to a child process and its worker processes, unless the child has ended.
 
         The signal is not SIGINT, because a child process ignores SIGINT while it starts if this
         process was started with SIGINT ignored, as a shell does with a background command.
@@ -317,7 +322,11 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
             self._finish(status)
 
     def _publish_progress(self, lines: list[str]) -> None:
-        """Publish the progress that the child process has printed."""
+        """Publish the progress that the child process has printed.
+
+        `lines` contains all lines of its output so far. During a training, a last line without
+        progress is ignored.
+        """
         if self._said.state == DynamicSetting.RECORDING:
             self._said.text = lines[-1]
             self._said.passes = sum(line.startswith('pass ') for line in lines)

@@ -28,8 +28,8 @@ _CHANGING = ('parameter', 'recipe', 'calibration', 'learned', 'tuned', 'selectio
 class Identity:
     """Identity of a machine, from its audit log and its parameters.
 
-    The parameters are written to `file`. `audit` is the audit log, or None. Raises `AuditError` if
-    the log cannot be read or its chain is broken.
+    The parameters are written to the path `file`. `audit` is the path of the audit log, or None if
+    the machine has no log. Raises `AuditError` if the log cannot be read or its chain is broken.
     """
 
     def __init__(self, file: Path, audit: Path | None) -> None:
@@ -45,7 +45,8 @@ class Identity:
     def at_begin(self, values: NodeValues, how: str) -> str:
         """Write the parameters to the file, and return the identity before the first step as JSON.
 
-        `values` contains the parameters of the nodes, and `how` is the kind of procedure.
+        `values` contains the parameters by node and name. `how` is a phrase that states whether the
+        steps are performed on a running line or were recorded one by one.
         """
         write_parameter_file(self._file, values)
         self._values = values
@@ -118,9 +119,10 @@ def _changes_in_log(entries: Iterable[Entry]) -> Iterator[str]:
 
 
 def _read_audit(path: Path | None) -> tuple[dict[str, str | None], Sequence[Entry]]:
-    """Return the name, digest and last hash of an audit log, and the entries.
+    """Return the path, the SHA-256 and the last hash of an audit log by name, and its entries.
 
-    Without a log, the three values are None, and there are no entries.
+    The last hash is None if the log has no entries. If `path` is None, all three values are None,
+    and there are no entries.
 
     Raises `AuditError` if the log cannot be read, or its chain is broken.
     """

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Calls of the services and actions of a lane, from threads without an executor."""
+"""Calls of the services and actions of a lane, from threads that do not spin an executor."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -21,17 +21,19 @@ from checkweigher_bringup.spinning import spinning
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.services import TECHNICIAN
 
-PATIENCE = 5.0  # maximum time in s to wait for a service or an action, and for a short answer
+# Maximum time in s to wait until a service or an action is found and, by default, for an answer.
+PATIENCE = 5.0
 _LOOK_PERIOD = 1.0  # period in s of the check whether the node of an action still runs
 _END_PATIENCE = 30.0  # maximum time in s until a cancelled goal has ended
 
 
 @contextmanager
 def technician(namespace: str) -> Iterator[Node]:
-    """Yield a node in a lane that calls services and actions, and runs until the context ends.
+    """Yield a node for calls of the services and actions of a lane.
 
-    With ROS security, the node has the rights to calibrate, train and verify the machine, and to
-    write to the audit log.
+    The node is in the namespace of the lane, and spins until the context ends. With ROS security,
+    the node has the rights to calibrate, train and verify the machine, and to write to the audit
+    log.
     """
     with spinning(namespace, TECHNICIAN) as spinner:
         node = rclpy.create_node(TECHNICIAN)
@@ -66,7 +68,11 @@ def write_to_log(node: Node, kind: str, subject: str, value: object, who: str) -
 
 
 def answer_of(future: Any, name: str, patience: float) -> Any:
-    """Return the result of a future, or raise `UserError` if it has none after `patience` s."""
+    """Return the result of a future, or raise `UserError` if it has none after `patience` s.
+
+    `name` is the name of the service or action in the error message. If the future ends with an
+    exception, this exception is raised.
+    """
     done = threading.Event()
     future.add_done_callback(lambda _: done.set())
     if not done.wait(patience):
@@ -81,7 +87,8 @@ def perform(
 
     `follow` is called in this thread with each feedback. If `follow` raises an exception, or the
     user interrupts the command, the goal is cancelled, and the exception is raised again when the
-    goal has ended. Raises `UserError` if no node offers the action, or the goal fails.
+    goal has ended, or after `_END_PATIENCE` s. Raises `UserError` if no node offers the action, if
+    its node ends before the goal, or if the goal does not succeed.
     """
     goal = _Goal(node, kind, name, values)
     try:
@@ -103,7 +110,7 @@ class _Goal:
             raise UserError(
                 f'there is no action {self._name}; start the line with a folder (run --folder DIR)'
             )
-        self._feedback: queue.SimpleQueue[Any] = queue.SimpleQueue()  # None at the end of the goal
+        self._feedback: queue.SimpleQueue[Any] = queue.SimpleQueue()  # ends with None
         self._handle = Future()
         # The executor sends the goal, so that rclpy registers it before an answer can arrive.
         self._end = self._executor.create_task(self._run, kind.Goal(**values))
@@ -115,7 +122,11 @@ class _Goal:
         return await self._handle.result().get_result_async()
 
     def result(self, follow: Callable[[Any], None]) -> Any:
-        """Call `follow` with each feedback until the goal ends, and return its result."""
+        """Call `follow` with each feedback until the goal ends, and return its result.
+
+        Raises `UserError` if the goal does not succeed, or if the node of the action ends before
+        the goal.
+        """
         while (feedback := self._next()) is not None:
             follow(feedback)
         ended = self._end.result()
@@ -135,7 +146,10 @@ class _Goal:
         await (await self._handle).cancel_goal_async()
 
     def _next(self) -> Any:
-        """Return the next feedback, or None at the end of the goal."""
+        """Return the next feedback, or None at the end of the goal.
+
+        Raises `UserError` if the node of the action ends before the goal.
+        """
         while True:
             with suppress(queue.Empty):
                 return self._feedback.get(timeout=_LOOK_PERIOD)

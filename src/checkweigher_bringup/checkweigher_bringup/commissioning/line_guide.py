@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Calibration, training and verification at the terminal by the actions of a line.
 
-The nodes of the line do the work and write the results to their own files, as for the page.
+The nodes of the line do the work and write the results to their own files, as they do if a user
+starts the work on the page.
 """
 
 from collections.abc import Sequence
@@ -33,9 +34,10 @@ def calibrate_line(
 ) -> None:
     """Guide the technician through the masses, and let the driver write its calibration file.
 
-    The driver applies the new calibration at once. Without masses, only the zero is read.
+    The driver applies the new calibration without a restart. `masses` contains the known masses in
+    kg in the order of their use. If it is empty, only the zero is read.
     `mass_uncertainty` is the standard uncertainty of each mass, and `max_residual` the largest
-    allowed residual, or 0 without a limit, all in kg.
+    allowed residual, or 0 without a limit, both in kg.
 
     Raises `UserError` if the driver does not offer the calibration or refuses it, or if the
     standard input ends. Nothing is then written.
@@ -95,7 +97,11 @@ def train_line(namespace: str, mass: float, passes: int, speeds: Sequence[float]
 
 
 def _is_recorded(node: Node, mass: float, passes: int, speed: float) -> bool:
-    """Record passes, and return whether their belt speed is `speed` in m/min."""
+    """Record passes, and return whether their belt speed is `speed` in m/min.
+
+    The relative difference of the speeds may be up to 5 %, as in `other_speed`. If the bag of the
+    passes is on another computer, the speed is not checked, and True is returned.
+    """
     ask(f'Set the belt to {speed:g} m/min and run the line', 'all passes were recorded')
     goal = {'mass': mass, 'passes': passes}
     made = perform(node, RecordPasses, ports.RECORD_PASSES, lambda each: tell(each.text), **goal)

@@ -34,7 +34,8 @@ DEFAULTS: ParameterSets = {'driver': {'simulator.count': 0}}
 def own_folder(node: Node, name: str) -> Path:
     """Return the folder that the parameter `folder` of a node names.
 
-    If the folder cannot be used, the node is destroyed and `ParameterError` is raised.
+    If the name is empty, if there is no such folder, or if the folder belongs to an installed
+    package, the node is destroyed and `ParameterError` is raised.
     """
     folder = Path(name)
     try:
@@ -53,10 +54,11 @@ class MachineFolder:
     """Folder with the state of a machine.
 
     The files are the calibration `cell.yaml`, the trained parameters `machine.yaml`, the products
-    `recipes.yaml`, the latest item numbers `items.numbers` and `verdicts.numbers`, and the audit
-    log `audit.log`. The folders `passes_N` are bags of recorded passes, `kept` contains items that
-    users kept, `batches` contains records and reports of batches, `plans` contains verification
-    plans, and `verifications` contains a folder for each verification.
+    `recipes.yaml`, the latest item numbers `items.numbers` and `verdicts.numbers`, the audit log
+    `audit.log`, and `restart` while a restart of the line is requested. The folders `passes_N` are
+    bags of recorded passes, `kept` contains items that users kept, `batches` contains records and
+    reports of batches, `plans` contains verification plans, and `verifications` contains a folder
+    for each verification.
     """
 
     path: Path
@@ -64,6 +66,8 @@ class MachineFolder:
     @classmethod
     def made(cls, path: Path) -> 'MachineFolder':
         """Return the folder at `path`. Create the folder and example recipes if they are missing.
+
+        A request for a restart of the line is discarded.
 
         Raises `UserError` if the folder cannot be used or created.
         """

@@ -45,16 +45,16 @@ class SampleFeed:
         """Wait for the load cell, and return it.
 
         Blocks that arrive before the load cell are discarded. Raises `UserError` if nothing arrives
-        for 5 s, or if the source has ended.
+        for 5 s, or if the source has ended or failed.
         """
         while self.load_cell is None:
             self._take()
         return self.load_cell
 
     def forget(self) -> None:
-        """Discard the blocks in the queue, because they are older than the load on the belt.
+        """Discard the blocks in the queue, because the load may have changed since they arrived.
 
-        Raises `UserError` if the source has ended.
+        Raises `UserError` if the source has ended or failed.
         """
         while not self._messages.empty():
             self._take()
@@ -62,7 +62,7 @@ class SampleFeed:
     def blocks(self) -> Iterator[SampleBlock]:
         """Yield each block when it arrives.
 
-        Raises `UserError` if nothing arrives for 5 s, or if the source has ended.
+        Raises `UserError` if nothing arrives for 5 s, or if the source has ended or failed.
         """
         while True:
             if (block := self._take()) is not None:
@@ -98,7 +98,10 @@ def line_feed(namespace: str) -> Iterator[SampleFeed]:
 
 @contextmanager
 def source_feed(name: str, source: Source) -> Iterator[SampleFeed]:
-    """Yield a feed with the samples of a source, and close the source when the context ends."""
+    """Yield a feed with the samples of a source, and close the source when the context ends.
+
+    Another thread reads the source. A simulated source or a bag is read in real time.
+    """
     feed = SampleFeed(f'source {name}')
     feed.put(source.load_cell)
     ending = threading.Event()

@@ -44,8 +44,9 @@ def calibrate_at_rest(arguments: argparse.Namespace) -> None:
     """Guide the technician through the masses, and write the calibration file.
 
     Raises `UserError` if an option is not valid, the samples or the standard input end, or the
-    largest residual is above the limit, and `CalibrationError` as `read_at_rest` does. The file is
-    then not written.
+    largest residual is above the limit. Raises `CalibrationError` if the source has no calibration
+    parameters, if the file is not a calibration file or lies in an installed package, and as
+    `read_at_rest` does. After an exception, the file is unchanged.
     """
     if arguments.source is None:
         names = ', '.join(calibrated_sources())
@@ -72,7 +73,10 @@ def calibrate_at_rest(arguments: argparse.Namespace) -> None:
 
 
 def _feed(arguments: argparse.Namespace) -> AbstractContextManager[SampleFeed]:
-    """Return a feed with the samples of a running line or, with `--open`, of the source itself."""
+    """Return a feed with the samples of a running line or, with `--open`, of the source itself.
+
+    Raises `CalibrationError` if the source has no calibration parameters.
+    """
     check_calibrated_source(arguments.source)
     if not arguments.open:
         return line_feed(check_namespace(arguments.namespace))
@@ -84,10 +88,13 @@ def _feed(arguments: argparse.Namespace) -> AbstractContextManager[SampleFeed]:
 def _guided_points(
     feed: SampleFeed, masses: Sequence[float], mass_uncertainty: float, steadiness: Steadiness
 ) -> list[CalibrationPoint]:
-    """Read the empty belt, each mass, and the empty belt again.
+    """Read the empty belt, each mass, and the empty belt again; return the calibration points.
 
-    Without masses, the empty belt is read once. `masses` and `mass_uncertainty`, the standard
+    Without masses, the empty belt is read only once. `masses` and `mass_uncertainty`, the standard
     uncertainty of each mass, are in kg.
+
+    Raises `UserError` if the samples or the standard input end, and `CalibrationError` as
+    `read_at_rest` does.
     """
     wanted = [0.0, *masses, 0.0] if masses else [0.0]
     points = []
@@ -105,10 +112,12 @@ def read_at_rest(
 ) -> StaticReading:
     """Return the reading of a load once the load has been at rest for long enough.
 
-    `show` is called with texts on the state of the measurement, and with '' at the end.
+    `steadiness` contains the required duration, the largest drift, and the time limit. Samples that
+    arrived before the call are not used. `show` is called with texts on the state of the
+    measurement, and with '' at the end.
 
-    Raises `CalibrationError` if the load does not come to rest in time or the converter is at its
-    limit, and `UserError` if no samples arrive.
+    Raises `CalibrationError` if the load does not come to rest within the time limit or the
+    converter is at its limit, and `UserError` if no samples arrive.
     """
     feed.forget()
     reading, blocks = RestReading(load_cell, steadiness), feed.blocks()

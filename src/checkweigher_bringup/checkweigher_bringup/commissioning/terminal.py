@@ -32,7 +32,7 @@ def show(text: str) -> None:
 
 
 def tell(text: str) -> None:
-    """Print a line on an event in place of the text that `show` has shown."""
+    """Print a line about an event, which replaces the text that `show` has printed."""
     show('')
     print(text, flush=True)
 
@@ -40,8 +40,9 @@ def tell(text: str) -> None:
 class StepsAtTerminal:
     """Terminal of the operator of a verification.
 
-    `answer` is called with the number of a question, the answer and the reason for skipping the
-    step. It raises `UserError` if the question is no longer open.
+    The function `answer` is called with the number of a question, the answer, and the reason for
+    skipping the step, which is empty if the step is not skipped. The function must raise
+    `UserError` if the question is no longer open; the message is then printed.
     """
 
     def __init__(self, answer: Callable[[int, StepAnswer, str], None]) -> None:

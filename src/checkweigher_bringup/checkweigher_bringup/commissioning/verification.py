@@ -108,7 +108,11 @@ def note_result(node: Node, folder: Path, plan: Plan, verdict: str) -> str:
 
 
 def _unlike_log(log: Path | None, bag: str, verdict: str) -> str:
-    """Return a text that states how a bag and its verdict differ from an audit log, or ''."""
+    """Return a text that states how a bag and its verdict differ from an audit log.
+
+    `bag` is the digest of the bag. The text is empty if the log confirms the bag and the verdict,
+    or if `log` is None.
+    """
     if log is None:
         return ''
     chain = read_chain(log)
@@ -125,8 +129,10 @@ def report_on(make: Callable[[Identity, Path], None], folder: Path, audit: Path 
     """Run a procedure, write its report into a new folder, and return the verdict.
 
     The function `make` runs the procedure. The arguments of `make` are the identity of the machine
-    and the path of the bag to write. `audit` is the audit log of the line. If `make` writes no bag,
-    the folder is removed.
+    and the path of the bag to write. `audit` is the path of the audit log of the line, or None if
+    the line has no log. If `make` raises an exception before it has written a bag, the folder is
+    removed, and the exception is raised again. After a bag was written, an exception of `make`
+    leaves the bag without a report.
     """
     bag, identity = folder / 'bag', Identity(folder / 'parameters.yaml', audit)
     make_output_folder(folder)
@@ -139,7 +145,12 @@ def report_on(make: Callable[[Identity, Path], None], folder: Path, audit: Path 
 
 
 def write_report(bag: Path, folder: Path) -> str:
-    """Write the report of a procedure into a folder, and return the verdict."""
+    """Write the report of a procedure into a folder as JSON and HTML, and return the verdict.
+
+    `bag` is the path of the bag of the procedure. The folder is created if it is missing.
+
+    Raises `BagError` if the bag cannot be used, and `OutputError` if a file cannot be written.
+    """
     # Import this module only here, because its libraries double the memory of the node `verifier`.
     from checkweigher_validation.report.verification_page import render_verification
 
@@ -151,7 +162,10 @@ def write_report(bag: Path, folder: Path) -> str:
 
 
 def plan_of(path: Path) -> tuple[Plan, str]:
-    """Return the plan in a file, and the text of the file, or raise `UserError`."""
+    """Return the plan in a file, and the text of the file.
+
+    Raises `UserError` if the file is not a valid plan, and `OSError` if it cannot be read.
+    """
     try:
         text = path.read_text(encoding='utf-8')
         return read_plan(text), text

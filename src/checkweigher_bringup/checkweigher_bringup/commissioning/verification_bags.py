@@ -85,7 +85,11 @@ def procedure_of_bags(
 
 
 def _check_together(found: Sequence[tuple[Path, Step, Recording]]) -> None:
-    """Raise `UserError` if bags cannot belong to one procedure."""
+    """Raise `UserError` if bags cannot belong to one procedure.
+
+    The bags must not overlap in time, must have the same load cell and calibration, and their
+    reference masses must agree with the loads of their steps. `found` is sorted by time.
+    """
     for (before, _, first), (after, _, second) in itertools.pairwise(found):
         if second.blocks[0].stamp < end_of_block(first.blocks[-1], first.load_cell):
             raise UserError(f'{after}: begins before {before} ends; bags must not overlap')
@@ -101,14 +105,18 @@ def _check_together(found: Sequence[tuple[Path, Step, Recording]]) -> None:
 
 
 def end_of_block(block: SampleBlock, load_cell: LoadCell) -> int:
-    """Return the end of the last sample of a block in ns."""
+    """Return the time in ns that is one sample period after the last sample of a block."""
     return block.stamp + round(len(block.counts) * NANOSECONDS / load_cell.sample_rate)
 
 
 def _records(
     bag: Path, step: Step, recording: Recording, plan: Plan, parameters: LineParameters, items: int
 ) -> Iterator[_Record]:
-    """Yield all records of a step in order of time, with item numbers above `items`."""
+    """Yield all records of a step in order of time, with item numbers above `items`.
+
+    The records are the start of the step, the recorded inputs, the estimates and verdicts of the
+    items, and the end of the step. The exceptions are those of `_rest`.
+    """
     begin, end = recording.blocks[0].stamp, end_of_block(recording.blocks[-1], recording.load_cell)
     if step.at_rest:
         begin, end = _rest(bag, recording, Steadiness(plan.rest.duration_s, plan.rest.tolerance))
@@ -124,7 +132,11 @@ def _records(
 
 
 def _results(weighing: Weighing, items: int, begin: int) -> Iterator[_Record]:
-    """Yield the estimate and the verdict of an item, with item numbers above `items`."""
+    """Yield the estimate, if there is one, and the verdict of an item.
+
+    Their item numbers are increased by `items`. Their time is t3, or t1 if t3 is unknown. If both
+    are unknown, the time is `begin`, the start of the step in ns.
+    """
     estimate, verdict = weighing.estimate, weighing.verdict
     stamp = verdict.t3 or verdict.t1 or begin
     if verdict.estimate_id:

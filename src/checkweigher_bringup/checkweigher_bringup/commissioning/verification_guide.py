@@ -51,8 +51,9 @@ from checkweigher_validation.verification.procedure import (
 )
 from checkweigher_validation.verification.steps import Step, StepKind, steps_of
 
-# Maximum times in s to wait for an answer: long, because zeroing needs an empty belt, and short
-# after the last step, because the line may be about to end.
+# Maximum times in s to wait for an answer during the steps, and after the last step. The first time
+# is long, because zeroing needs an empty belt. The second one is short, because the line may be
+# about to end.
 _ANSWER_PATIENCE, _LAST_PATIENCE = 20.0, 2.0
 _SILENCE = 10.0  # time in s without a product after which a message is shown to the operator
 _POLL_PERIOD = 0.1  # s
@@ -68,7 +69,7 @@ def procedure_on_line(
 
     The parameters of the line are read before the first step and after the last step. If the
     operator cancels the procedure, the bag contains the steps so far. Raises `UserError` if the
-    line does not run or the input ends.
+    line does not run before the first step, and `OutputError` if the bag cannot be written.
     """
     node = VerificationNode()
     spinner.add(node)
@@ -101,8 +102,9 @@ def procedure_on_line(
 class VerificationNode(RecorderNode):
     """Node that records a lane, and that provides the samples and verdicts for the steps.
 
-    Any thread may read the queue `verdicts`. `latest` is the time in ns of the latest sample or
-    verdict.
+    Any thread may read the queue `verdicts`. `zeros` contains the changes of the zero that the node
+    has received. `latest` is the time in ns of the end of the latest sample or of the latest t3 of
+    a verdict, or 0 before the first sample.
     """
 
     def __init__(self) -> None:
@@ -184,7 +186,9 @@ class _Guide:
         self._warm: int | None = None  # start of the warm-up in ns
 
     def run(self) -> None:
-        """Guide the operator through all steps, and wait until `_TRAIL` s of samples follow.
+        """Guide the operator through all steps, and wait for the samples after the last step.
+
+        The wait ends when `_TRAIL` s of samples have arrived, or after `4 * _TRAIL` s.
 
         Raises `BrokenOffError` if the operator cancels the procedure, and `OutputError` at the next
         step if the bag could not be written, so that the operator does not go on in vain.
@@ -202,7 +206,11 @@ class _Guide:
             time.sleep(_POLL_PERIOD)
 
     def _make(self, number: int, step: Step) -> bool:
-        """Guide the operator through a step, and return false if the step must be repeated."""
+        """Guide the operator through a step, and return whether it was completed or skipped.
+
+        If False is returned, the step must be repeated, because it could not be measured, or
+        because it failed and the operator decided to repeat it.
+        """
         self._wait_for_warm_up(step)
         node = self._node
         if reason := self._operator.asked(number, step):
@@ -254,7 +262,12 @@ class _Guide:
         return Attempt(step, begin, end, reading=reading)
 
     def _count(self, step: Step, begin: int) -> Attempt:
-        """Wait for the passes of a step that began at `begin` in ns, and return all passes."""
+        """Wait for the weighed passes of a step, and return all passes of the step.
+
+        The step began at the time `begin` in ns, so earlier items are ignored. The returned passes
+        include those that were not weighed. Raises `BrokenOffError` if the operator cancels the
+        procedure.
+        """
         assert step.load is not None
         items: list[ItemPass] = []
         latest = time.monotonic()
@@ -309,7 +322,7 @@ def _parameters(node: VerificationNode, patience: float) -> NodeValues:
 
     Waits for each answer for at most `patience` s. Nodes that do not run are left out; a node that
     is not a stage must be discovered within 1 s. Raises `UserError` if a stage of the line does not
-    answer.
+    run, or if a discovered node does not answer.
     """
     found: NodeValues = {}
     for name in ports.NODES:

@@ -24,7 +24,7 @@ _LINES = 100  # maximum number of lines on the current step that are published
 
 
 class BrokenOffError(Exception):
-    """Raised if the operator cancels the procedure."""
+    """Raised in the thread of the procedure if the operator cancels the procedure."""
 
 
 class Operator:
@@ -51,7 +51,10 @@ class Operator:
         self._change(steps=tuple(step.name for step in steps), results=('',) * len(steps))
 
     def asked(self, number: int, step: Step) -> str:
-        """Ask the operator to do a step. Return the reason for skipping the step, or ''."""
+        """Ask the operator to do a step, and wait for the answer.
+
+        Returns the reason for skipping the step, or '' if the operator does the step.
+        """
         known = self._progress
         # Keep the lines of a failed attempt, because they explain why the step is asked for again.
         lines = known.lines if known.step == number and not known.results[number] else ()
@@ -76,12 +79,15 @@ class Operator:
         return answer is StepAnswer.GO_ON
 
     def tell(self, text: str) -> None:
-        """Publish the text of an event in the present step."""
+        """Publish the text of an event in the present step, below the texts of earlier events.
+
+        Only the latest `_LINES` texts are published.
+        """
         self._check_continues()
         self._change(lines=(*self._progress.lines, one_line(text))[-_LINES:])
 
     def show(self, text: str) -> None:
-        """Publish the state of the measurement."""
+        """Publish the state of the measurement, unless `text` is the published state."""
         self._check_continues()
         if text != self._progress.text:
             self._change(text=text)
@@ -122,7 +128,9 @@ class Operator:
         return self._progress.state is ProgressState.IDLE
 
     def answer(self, question: int, answer: StepAnswer, reason: str) -> None:
-        """Accept the answer to a question.
+        """Accept the answer to the question with the number `question`.
+
+        `reason` is the reason for skipping the step, and is not used for other answers.
 
         Raises `UserError` if the question is no longer open, if the answer is not allowed, or if
         the reason for skipping a step is missing.
