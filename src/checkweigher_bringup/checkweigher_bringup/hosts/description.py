@@ -98,7 +98,11 @@ class LineDescription:
 
 @dataclass(frozen=True)
 class _LaneEntry(Settings):
-    """Entry of a lane, which names either the host of all nodes or the nodes of each host."""
+    """Entry of a lane, which names either the host of all nodes or the nodes of each host.
+
+    Raises `SettingsError` if the name of the lane is not valid, if the entry names both or neither,
+    if a product is given without recipes, or as `_check_nodes` does.
+    """
 
     name: str = parameter(text='namespace')
     host: str = parameter('', 'host of all nodes')
@@ -161,7 +165,8 @@ def _check_share(host: str, names: Sequence[str], placed: Sequence[str]) -> None
 def _check_nodes(nodes: Mapping[str, tuple[str, ...]]) -> None:
     """Raise `SettingsError` unless each node has exactly one host.
 
-    The nodes `AT_MACHINE` must have the same host.
+    `nodes` contains the node names by host. The nodes `AT_MACHINE` must have the same host. Each
+    host must have a node.
     """
     placed = [name for names in nodes.values() for name in names]
     for host, names in nodes.items():
@@ -175,7 +180,11 @@ def _check_nodes(nodes: Mapping[str, tuple[str, ...]]) -> None:
 
 @dataclass(frozen=True)
 class LineFile(Settings):
-    """Content of the file that describes a line."""
+    """Content of the file that describes a line.
+
+    Raises `SettingsError` if the name or the address of a host is not valid, if two hosts have the
+    same address, or if `discovery` is unknown.
+    """
 
     hosts: Mapping[str, str] = parameter(text='addresses of the hosts by name')
     lanes: Mapping[str, _LaneEntry] = parameter(text='lanes by namespace')
@@ -197,7 +206,10 @@ class LineFile(Settings):
 
 
 def read_line(path: Path) -> LineDescription:
-    """Return the description of a line, or raise `SettingsError` if the file cannot be used."""
+    """Return the description of a line.
+
+    Raises `SettingsError` if the file `path`, or a file that it names, cannot be used.
+    """
     with opened(path) as content:
         file = settings_of(LineFile, content)
         hosts = {name: str(ipaddress.ip_address(each)) for name, each in file.hosts.items()}

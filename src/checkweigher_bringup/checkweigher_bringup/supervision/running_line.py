@@ -62,13 +62,15 @@ def run_line(
     folder: MachineFolder | None = None,
     gateways: Path | None = None,
 ) -> int:
-    """Run the line until SIGINT, SIGTERM or SIGHUP, and return the exit status of `_supervise`.
+    """Run the line until SIGINT, SIGTERM or SIGHUP, and return the exit status of the command.
 
+    The status is 128 plus the number of the signal, or `CANNOT_START` if a process of the line
+    cannot start or, under systemd, has ended. `params` is the parameter file of the user, or None.
     The parameters `driver` override the file `params`. With `apart`, each node has its own process.
     `page` contains the options of the page, or is None if the page is not served. With a `folder`,
     the line keeps the state of the machine in this folder, and the nodes of `BESIDE` run as well.
-    The gateways of the file `gateways` run beside the line. Raises `UserError` if a line already
-    runs in this lane, and `SettingsError` if the file `gateways` is invalid.
+    The gateways of the file `gateways` run beside the line. Raises `UserError` or `ParameterError`
+    if a line already runs in this lane, and `SettingsError` if the file `gateways` is invalid.
     """
     with asked_to_end() as asked, memory_file() as first, memory_file() as last:
         files = _parameter_files(first, params, last, namespace, driver, folder)
@@ -86,7 +88,7 @@ def run_line(
             whole = processes.get('line')
             process_of = {f'{lane}/{name}': processes.get(name, whole) for name in names}
             watchdog = _listen(node, process_of)
-            # If two lines start at the same time, the second one raises an error here.
+            # If two lines start at the same time, the second one raises `ParameterError` here.
             place = Place(node.context.get_domain_id(), node.resolve_topic_name('line'))
             spinner.add(node)
             time.sleep(_DISCOVERY_TIME)
@@ -112,7 +114,8 @@ def run_line(
 def run_host(line: LineDescription, host: str) -> int:
     """Run the nodes of a host until SIGINT, SIGTERM or SIGHUP, and return the exit status.
 
-    The exit status is that of `_supervise`. Raises `SettingsError` if the host is unknown.
+    The status is 128 plus the number of the signal, or `CANNOT_START` if a process cannot start or,
+    under systemd, has ended. Raises `SettingsError` if the host is unknown.
     """
     shares = line.shares(host)
     os.environ.update(line.environment())
@@ -134,7 +137,7 @@ def run_host(line: LineDescription, host: str) -> int:
 
 
 def _listen(node: PortNode, process_of: Mapping[str, SupervisedProcess | None]) -> Watchdog:
-    """Subscribe to the diagnostics, and notify the process of each node that has sent some.
+    """Subscribe to the diagnostics, and record for each process that its nodes have sent some.
 
     `process_of` maps the full name of each node to its process, or to None if this program does not
     run the node. Returns the watchdog of those nodes that belong to the line.
@@ -162,8 +165,9 @@ def _parameter_files(
 ) -> Callable[[], list[Path]]:
     """Return a function that returns the parameter files for the next start of the line.
 
-    With a `folder`, the file `first` contains defaults, which the files of the user override. The
-    file `last` overrides all others.
+    The files are in ascending order of precedence. The file `last` contains the parameters `driver`
+    and, with a `folder`, those that make the nodes use the folder. With a `folder`, the file
+    `first` contains defaults, which the file of the user and the trained parameters override.
     """
     if folder is None:
         given = [] if params is None else [params]
@@ -244,7 +248,7 @@ def _restart(processes: Mapping[str, SupervisedProcess]) -> None:
 
 
 def _end(processes: Mapping[str, SupervisedProcess]) -> None:
-    """End the processes of the line in the order of the signal flow, then all other processes.
+    """End the first process of the line, those between, and the last one, then all other processes.
 
     If each node has its own process, the driver ends first, and `reject` ends after all other nodes
     of the line, so that items on the belt still get their verdicts.

@@ -39,10 +39,11 @@ class Watchdog:
         self._heard = dict.fromkeys(self._heard, now + START - SILENCE)
 
     def feed(self, now: float) -> None:
-        """Notify systemd that the line runs, unless a node is silent (see sd_notify(3)).
+        """Notify systemd that the line runs, as sd_notify(3) describes.
 
-        Nothing is sent if systemd does not supervise this process, or within `_PERIOD` s after the
-        previous notification.
+        Nothing is sent if a node has sent no diagnostics for more than `SILENCE` s. Nothing is sent
+        if systemd does not supervise this process, or within `_PERIOD` s after the previous
+        notification.
         """
         if not supervises() or now - self._fed < _PERIOD:
             return
