@@ -1,6 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Check of all records in the folder of a machine against the audit logs of the machine."""
+"""Comparison of the documents in the folder of a machine with the audit logs of the machine.
+
+The documents are the batch records, the batch reports and the verifications.
+"""
 
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
@@ -29,9 +32,11 @@ def faults_in(
 ) -> Iterator[str]:
     """Yield a text for each fault in the folder of a machine.
 
-    Faults are a fault of the audit logs, a file that is missing, changed or unknown to the audit
-    logs, and a signature that is not valid. `chain` contains the audit logs. `signers` contains the
-    users by name, or is None if signatures are not compared with them.
+    The faults are audit logs that are broken, that are missing or that no later log names, other
+    files that are missing, that were changed or that the audit logs do not name, and signatures
+    that are not valid. `chain` contains the audit logs.
+    `signers` contains the users by name. If `signers` is None, the keys of the signatures are not
+    compared with the keys of the users.
     """
     entries = chain.entries
     if chain.fault:
@@ -55,7 +60,10 @@ def faults_in(
 def _batch_faults(
     folder: Path, chain: LogChain, signers: Mapping[str, Signer] | None
 ) -> Iterator[str]:
-    """Yield a text for each fault of a batch record, and for each batch without a record."""
+    """Yield a text for each fault of a batch record, and for each batch whose record is missing.
+
+    The batches are those that `chain` names. `signers` is used as in `faults_in`.
+    """
     for name in _latest(chain.entries, RECORD):
         with suppress(RecordError):
             if not record_path(folder, name).exists():
@@ -72,9 +80,11 @@ def _batch_faults(
 
 
 def summary(folder: Path, chain: LogChain) -> Iterator[str]:
-    """Yield a text on each log, the number of documents, and the days without an entry.
+    """Yield lines of text on the audit logs, on the documents, and on days without an entry.
 
-    The documents are the batch records, the reports on batches and the verifications.
+    For each log, the lines state whether it is valid, and at which entries the time goes back. One
+    line states how many batch records, batch reports and verifications the logs name. The last line
+    lists the days without an entry, and is left out if there are none.
     """
     for path, found in chain.logs:
         yield f'{path.name}: {conclusion(found)}'
@@ -100,5 +110,5 @@ def _silent_days(entries: list[Entry]) -> Iterator[str]:
 
 
 def _latest(entries: list[Entry], kind: str) -> Mapping[str, Any]:
-    """Return the latest value of each subject in the entries of a kind."""
+    """Return the new value in the latest entry of the kind `kind` on each subject, by subject."""
     return {entry.subject: entry.new for entry in entries if entry.kind == kind}

@@ -26,7 +26,7 @@ _FOLDER = 'machine'  # name of the folder in an archive
 
 
 class _Hashed:
-    """Reader of a file that computes the SHA-256 of its bytes."""
+    """Reader of a binary file that computes the SHA-256 of the bytes that were read."""
 
     def __init__(self, file: IO[bytes]) -> None:
         self._file = file
@@ -77,8 +77,8 @@ def write_backup(folder: Path, archive: Path) -> int:
 def _add(tar: tarfile.TarFile, folder: Path) -> Iterator[tuple[str, str]]:
     """Add a folder to an archive, and yield the name and the SHA-256 of each file.
 
-    A file that was removed since the files were listed is left out. The exceptions are as in
-    `write_backup`.
+    A file that was removed after this function has listed the files is left out. The function
+    raises the exceptions of `write_backup`.
     """
     tar.add(folder, _FOLDER, recursive=False)
     paths = sorted(folder.rglob('*'))
@@ -165,8 +165,9 @@ def restore_backup(archive: Path, folder: Path) -> int:
 def _part_of_backup(entry: tarfile.TarInfo, place: str) -> tarfile.TarInfo:
     """Return an entry without its owner, so that the extracted file belongs to the present user.
 
-    This function is an extraction filter of `tarfile`. Raises `TarError` unless the entry is a file
-    or folder of the machine, or the file with the SHA-256 of the files.
+    Of the mode, only the permissions are kept. This function is an extraction filter of `tarfile`.
+    Raises `TarError` unless the entry is a file or folder of the machine, or the file with the
+    SHA-256 of the files.
     """
     parts = PurePosixPath(entry.name).parts
     is_kept = parts[:1] == (_FOLDER,) and '..' not in parts and (entry.isreg() or entry.isdir())
@@ -183,7 +184,10 @@ def _sums(place: Path) -> dict[str, str]:
 
 
 def print_log(log: Path) -> bool:
-    """Print the state of an audit log, and return whether its hash chain is intact."""
+    """Print the state of an audit log, and return whether its hash chain is intact.
+
+    Raises `AuditError` if the log cannot be read.
+    """
     found = read_log(log)
     print(f'{log}: {conclusion(found)}')
     return found.whole

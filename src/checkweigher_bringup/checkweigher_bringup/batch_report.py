@@ -19,7 +19,9 @@ from checkweigher_validation.batch.signatures import RELEASE, Signer
 
 
 def signers_of(users: Path) -> dict[str, Signer]:
-    """Return the keys of each user in a file, and whether the user may release, by user name.
+    """Return a `Signer` for each user in the file `users`, by user name.
+
+    A `Signer` contains the public keys of the user, and whether the user may release batches.
 
     Raises `SettingsError` if the file cannot be used.
     """
@@ -40,14 +42,16 @@ def record_files(source: Path) -> list[Path]:
 
 
 def item_lines(source: Path, log: Path | None, item: int) -> Iterator[str]:
-    """Yield lines of text on the verdicts on an item in a record, or in all records in a folder.
+    """Yield lines of text on the verdicts on an item in the record or folder of records `source`.
 
-    Each verdict is followed by the SHA-256 of its line in the record, and the verdicts of a record
-    by a line that the record agrees with the audit log. `log` is the path of the audit log, or
-    None for the log of the machine whose folder contains the record.
+    The lines on a verdict end with the SHA-256 of its line in the record. If a record with a
+    verdict on the item agrees with the audit log, a line that states this follows the verdicts of
+    the record. `log` is the path of the audit log, or None for the log of the machine whose folder
+    contains the record.
 
     Raises `LineError` after the last line if there is no verdict on the item, or if a record that
-    contains one cannot be trusted.
+    contains one cannot be trusted. Raises `RecordError` or `AuditError` if a record or the audit
+    log cannot be read.
     """
     found, faults = 0, []
     for record in record_files(source):
@@ -82,10 +86,11 @@ def _verdicts(record: Path, batch: Batch, item: int) -> Iterator[str]:
 
 
 def fails(batch: Batch, parts: Sequence[PartFigures]) -> bool:
-    """Return whether the record of a batch cannot be trusted, or the batch does not meet a rule.
+    """Return whether the record of a batch cannot be trusted, or a product fails 76/211/EEC.
 
-    A product is not judged if 76/211/EEC has no limits for its nominal weight, or if no item was
-    accepted.
+    The statistics of a product in `parts` must meet the rules for packers and pass the reference
+    test. A product is not judged if 76/211/EEC has no limits for its nominal weight, or if no item
+    was accepted.
     """
     judged = [part for part in parts if part.judgement and part.reference]
     rules = [each for part in judged for each in (part.judgement, part.reference)]
@@ -127,10 +132,11 @@ def batch_lines(batch: Batch, parts: Sequence[PartFigures]) -> Iterator[str]:
 
 
 def _trust_lines(batch: Batch, title: str) -> Iterator[str]:
-    """Yield lines of text on a record, before those on the products.
+    """Yield lines of text on the state of a record. Each line begins with `title`.
 
     The lines state whether the record agrees with the audit log, its faults, its signatures, and
-    the number of its items that belong to another batch.
+    the number of its items that belong to another batch. Nothing is stated on the audit log if the
+    record was not compared with one.
     """
     if batch.log:
         state = '' if batch.end else '; the batch has not ended yet'

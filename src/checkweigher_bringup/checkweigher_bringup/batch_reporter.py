@@ -44,7 +44,7 @@ class BatchReporter(PortNode):
 def write_files(record: Path, sha256: str) -> dict[str, str]:
     """Write the report on a batch as HTML and JSON, and return the SHA-256 of each file by name.
 
-    The files are in the folder of the record, and have its name with another suffix.
+    The files are in the folder of the record, and have its name with the suffix `.html` or `.json`.
 
     Raises `ValueError` if `sha256` is not the SHA-256 of the record, `RecordError` or `AuditError`
     if the record or its audit log cannot be read, and `OutputError` if a file cannot be written.

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Command line program, which runs a command and prints each error as one line."""
+"""Command line program, which runs a command and prints an error of the user as one line."""
 
 import signal
 
@@ -123,7 +123,8 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     The status is 0 if the command succeeds, and 1 if it reports a failure, such as an item without
     a verdict. The status is 2 if the input or the output cannot be used, and 128 + N if signal N
     interrupted the command (130 for Ctrl-C). A command that runs until a signal arrives, such as
-    `echo`, has the status 0 or 1 after the signal if it completes its work.
+    `echo`, completes its work after the signal, and then has the status 0 or 1. The command `run`
+    is an exception, because its status after the signal is 128 + N.
     """
     received: list[int] = []
 
@@ -148,9 +149,10 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
 def _prepare(interrupt: Callable[[int, FrameType | None], None]) -> None:
     """Install the signal handler `interrupt`, and prepare the standard streams.
 
+    The handler is installed for the signals in `_ENDING`, except for SIGHUP if SIGHUP is ignored.
     The null device replaces each closed standard stream. The standard output escapes characters
-    that it cannot encode. This process ends with its parent process if the parent has set the
-    variable of `child_environment`.
+    that it cannot encode. From now on, this process also ends when its parent process ends, if the
+    parent process has started it with the environment of `child_environment`.
     """
     end_with_parent()
     for number in _ENDING:
@@ -171,10 +173,10 @@ def _prepare(interrupt: Callable[[int, FrameType | None], None]) -> None:
 
 
 def _run(arguments: Sequence[str]) -> int:
-    """Run a command and return its exit status. Print a user error as one line.
+    """Run a command and return its exit status. Print an error of the user as one line on stderr.
 
-    The status is 0 if the program that reads the output has ended. Exceptions that are not user
-    errors are raised.
+    The status is 0 if the program that reads the output has ended. After an error of the user, the
+    status is 2, or the attribute `exit_status` of the exception. Other exceptions are raised.
     """
     command = ''
     try:
@@ -203,7 +205,7 @@ def _run(arguments: Sequence[str]) -> int:
 
 def _line_for(error: Exception) -> str:
     """Return the message of an error that the user can correct, or '' for a program defect."""
-    # Exceptions of this project have a one-line message for the user, which is printed unchanged.
+    # Exceptions of this project have a message for the user, so the message is used unchanged.
     if type(error).__module__.startswith('checkweigher_'):
         return str(error)
     if isinstance(error, OSError):

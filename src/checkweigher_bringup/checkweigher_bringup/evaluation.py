@@ -40,6 +40,7 @@ from checkweigher_validation.tuning.parameter_file import parameter_file
 from checkweigher_validation.tuning.stated_lag import stated_lag, unchecked
 from checkweigher_validation.tuning.tuner import FEWEST_PASSES, Tuned, tune
 
+# Accuracy of the estimators, tuned parameters by estimator, and number of skipped bags.
 Result = tuple[Evaluation, Mapping[str, Tuned], int]
 
 
@@ -49,7 +50,8 @@ def evaluate(arguments: argparse.Namespace, n_jobs: int | None) -> int:
     Returns the number of bags that were skipped. `n_jobs` is the number of processes, as in
     `checkweigher_validation.jobs.run_jobs`.
 
-    Raises `UserError` if the options cannot be used together, or no pass can be weighed.
+    Raises `UserError` if the options cannot be used together, or no pass can be weighed. Raises the
+    exceptions of `read_passes` and `tune`, and `OutputError` if a file cannot be written.
     """
     _check(arguments)
     accuracy_class = _accuracy_class(arguments)
@@ -79,6 +81,9 @@ def evaluate_family(arguments: argparse.Namespace, n_jobs: int | None) -> int:
     """Tune and test estimators on simulated machines, print the tables, and write the files.
 
     The arguments are those of `evaluate`. Returns 0, because no bags are read.
+
+    Raises `UserError` if the options cannot be used together, and `OutputError` if a file cannot be
+    written.
     """
     _check(arguments)
     protocol = _machines_protocol(arguments)
@@ -197,7 +202,10 @@ def _evaluate_simulation(arguments: argparse.Namespace, n_jobs: int | None) -> R
 
 
 def _evaluate_bags(arguments: argparse.Namespace, n_jobs: int | None) -> Result:
-    """Weigh the passes of known mass in bags. Tune first if the user gave bags to train on."""
+    """Weigh the passes of known mass in bags. Tune first if the user gave bags to train on.
+
+    Raises `UserError` if no pass can be weighed, and the exceptions of `read_passes` and `tune`.
+    """
     base = _line_parameters(arguments)
     default = tuple(METHODS) if arguments.train else (base.identifier.estimator,)
     estimators = settings.estimator_names(arguments.estimator, default, METHODS)
@@ -226,7 +234,7 @@ def _evaluate_bags(arguments: argparse.Namespace, n_jobs: int | None) -> Result:
 
 
 def _examples(passes: list[KnownPass], base: LineParameters) -> tuple[Example, ...]:
-    """Return an example of the heaviest pass at the lowest speed, and one at the highest speed.
+    """Return an example of the heaviest pass at the lowest speed, and of that at the highest speed.
 
     If all passes have the same speed, only one example is returned.
     """
@@ -256,7 +264,7 @@ def _sets(train: list[KnownPass], test: list[KnownPass]) -> list[PassSet]:
 def _by_speed(
     part: str, passes: list[KnownPass], groups: Sequence[SpeedGroup]
 ) -> Iterator[PassSet]:
-    """Yield the passes of each speed, with the name `part`. Speeds without passes are left out.
+    """Yield a `PassSet` with the name `part` for each speed. Speeds without passes are left out.
 
     A pass with faults is grouped with the last pass without faults before it, or with the first one
     after it if there is none before. If all passes have faults, they are in the slowest group.

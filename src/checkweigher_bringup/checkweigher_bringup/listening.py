@@ -20,7 +20,9 @@ from checkweigher_validation.accuracy.results import ItemResult, ResultJoiner
 
 _ESTIMATE_PATIENCE = 1.0  # time in s after which a verdict is shown without its estimate
 _MAX_REFERENCES = 100  # maximum number of known masses that wait for the verdict of their item
-_MAX_UNPAIRED = 1000  # maximum number of estimates that wait for their verdict, and vice versa
+# Maximum number of estimates that wait for their verdict, and of verdicts that wait for their
+# estimate.
+_MAX_UNPAIRED = 1000
 
 
 class ResultListener(PortNode):
@@ -28,8 +30,8 @@ class ResultListener(PortNode):
 
     The subscriptions also request earlier messages, because a node may publish a result before it
     discovers the subscription. Any thread may read the pairs from the queue `weighings`. `pairs` is
-    the number of pairs. `heard` is the time in s of the latest sign of life, such as a pair, on the
-    monotonic clock.
+    the number of pairs so far. `heard` is the time in s, on the monotonic clock, of the latest
+    pair, or of the start if there is no pair yet. A subclass or a caller may set a later time.
     """
 
     def __init__(self, name: str) -> None:
@@ -46,7 +48,7 @@ class ResultListener(PortNode):
         self.listen(ports.VERDICT, self._on_verdict)
 
     def count_drivers(self) -> int:
-        """Return the number of drivers that publish samples in this lane."""
+        """Return the number of publishers of samples in this lane; each driver is one of them."""
         return int(self.count_publishers(self.resolve_topic_name(ports.LOAD_CELL_SAMPLES.name)))
 
     def listen(self, port: Port, callback: Callable[[Any], None]) -> None:
@@ -79,7 +81,8 @@ class ResultListener(PortNode):
 def _estimate_of(verdict: Verdict) -> MassEstimate:
     """Return an estimate that contains only the values which a verdict repeats.
 
-    If the verdict has neither reasons nor an estimate, the reason is `Reason.NO_ESTIMATE`.
+    All other values of the estimate are unknown. If the verdict has neither reasons nor an
+    estimate, the reason of the returned estimate is `Reason.NO_ESTIMATE`.
     """
     return MassEstimate(
         verdict.item_id,
@@ -93,7 +96,10 @@ def _estimate_of(verdict: Verdict) -> MassEstimate:
 
 
 def _forget_oldest(unpaired: dict[int, Any]) -> None:
-    """Remove the oldest record if there are too many, because its counterpart was probably lost."""
+    """Remove the oldest record if there are more than `_MAX_UNPAIRED` records.
+
+    The estimate or verdict that belongs to the oldest record was probably lost.
+    """
     if len(unpaired) > _MAX_UNPAIRED:
         del unpaired[next(iter(unpaired))]
 
@@ -108,8 +114,9 @@ class EchoNode(ResultListener):
         self.listen(ports.REFERENCE_MASS, self._references.append)
 
     def _pair_overdue(self) -> None:
-        # An estimate never arrives if it was published before this node discovered the identifier.
-        # Its verdict is therefore paired with the values of the estimate that the verdict repeats.
+        # An estimate may never arrive, for example because the identifier has ended and no longer
+        # keeps it for late subscribers. Its verdict is therefore paired with the values of the
+        # estimate that the verdict repeats.
         for key, (arrival, verdict) in list(self._verdicts.items()):
             if time.monotonic() - arrival > _ESTIMATE_PATIENCE:
                 del self._verdicts[key]

@@ -22,9 +22,11 @@ from checkweigher_validation.accuracy.results import (
 
 
 def check_output_file(path: Path | None, overwrite: bool) -> None:
-    """Raise `UserError` or `OutputError` if a file cannot be written, or must not be replaced.
+    """Raise an exception if a file cannot be written, or must not be replaced.
 
-    Nothing is checked if `path` is None or the path of a stream, such as ``/dev/stdout``.
+    Raises `UserError` if `path` is a folder, or exists while `overwrite` is False, and
+    `OutputError` if its folder does not exist or cannot be written. Nothing is checked if `path` is
+    None or the path of a stream, such as ``/dev/stdout``.
     """
     if path is None or is_stream(path):
         return
@@ -43,7 +45,11 @@ def with_warning(recording: Recording) -> Recording:
 
 
 def read_with_warning(path: Path, lane: str | None) -> Recording:
-    """Read a bag with a progress bar, and print the warning of the bag on stderr."""
+    """Read a bag with a progress bar, and return the recording of a lane.
+
+    The warning of the recording, if any, is printed on stderr. `lane` is the namespace of the lane,
+    or None for the only lane of the bag. Raises `BagError` as `read_bag` does.
+    """
     return with_warning(read_bag(path, lane, progress=True))
 
 

@@ -101,8 +101,8 @@ class RecorderNode(PortNode):
         self.passes = passes
         self._begin: int | None = None  # stamp in ns of the first samples
         self._flushed = time.monotonic()
-        # Use the QoS of the stages, so that the node does not receive the verdicts of earlier
-        # items. The signals of these items are not in the bag.
+        # Use the QoS of the stages, so that the node does not receive the verdicts that were
+        # published before the recording, because the bag lacks the signals of their items.
         for port in recorded:
             if passes is None or port is not ports.REFERENCE_MASS:
                 put = partial(self._put, port)
@@ -133,7 +133,8 @@ class RecorderNode(PortNode):
 
     def _on_verdict(self, verdict: Verdict) -> None:
         assert self.passes is not None
-        # The bag lacks the signal of an item that was on the belt before the first samples.
+        # The bag lacks the signal of an item that was on the belt before the first samples, so its
+        # pass is not counted.
         if verdict.t1 is not None and (self._begin is None or verdict.t1 < self._begin):
             return
         if (reference := self.passes.take(verdict)) is not None:

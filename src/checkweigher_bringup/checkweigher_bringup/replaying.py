@@ -39,9 +39,9 @@ class Collector(ResultListener):
     """Node that collects the results of a graph until every item has its verdict.
 
     The replay fails if neither a verdict with its estimate nor a status of the segmenter arrives
-    for `patience` s. If the driver `waits` for subscribers, this time begins with the first sample.
-    `failure` is the error of a replay that has failed, or
-    None.
+    for `patience` s. If `waits` is True, because the driver waits for subscribers, this time begins
+    when the segmenter has processed the first sample. `failure` is the error of a replay that has
+    failed, or None.
     """
 
     def __init__(self, patience: float, *, waits: bool = False) -> None:
@@ -71,7 +71,7 @@ class Collector(ResultListener):
             self.failure = LineError(status.text)
 
     def check(self) -> None:
-        """Set `failure` if a second driver runs, or if no message has arrived for too long."""
+        """Set `failure` if a second driver runs, or if the graph was silent for `patience` s."""
         if self.count_drivers() > 1:
             self.failure = self.conflict()
         elif not self._waits and time.monotonic() - self.heard > self._patience:
@@ -97,8 +97,8 @@ def replay(
 
     `driver` contains the parameters of the node `driver`, such as the path of the bag, and
     `parameters` contains those of the other nodes. With `processes`, each node has its own process.
-    Raises `UserError` if another driver uses the same topics, and `LineError` if the graph ends
-    early or an item gets no verdict.
+    Raises `UserError` if another driver uses the same topics, and `LineError` if the driver fails,
+    a node ends early, or the graph is silent for too long before each item has its verdict.
     """
     values = {each.name: getattr(parameters, each.name).as_mapping() for each in fields(parameters)}
     # With deadlines, the results on a slow machine could differ from those of the command `weigh`.

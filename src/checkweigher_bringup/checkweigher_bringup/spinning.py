@@ -67,7 +67,8 @@ def node_command(
 def asked_to_end() -> Iterator[list[int]]:
     """Yield a list of the received signals SIGINT, SIGTERM and SIGHUP, which raise no exception.
 
-    An exception could interrupt the writing of a message or the start of a process.
+    An exception could interrupt the writing of a message or the start of a process. Signals that
+    are ignored stay ignored. When the context ends, the previous handlers are installed again.
     """
     received: list[int] = []
     before = {

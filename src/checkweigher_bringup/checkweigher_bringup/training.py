@@ -72,7 +72,8 @@ def read_passes(
     `ReadPasses.untrained` with `untrained`. If the parameter `untrained` is None,
     `ReadPasses.untrained` is empty. `n_jobs` is the number of processes, as in `run_jobs`. Bags
     that cannot be read are reported on stderr and skipped. Raises `UserError` if a bag has no pass
-    of known mass or another sample rate than the first bag, and `BagError` if no bag can be read.
+    of known mass, or another sample rate than the first of the bags that can be read, and
+    `BagError` if no bag can be read.
     """
     cuts = list(filter(None, (segmenter, untrained)))
     calls = [partial(passes_of_bag, str(bag), lane, cuts, len(bags) == 1) for bag in bags]
@@ -94,7 +95,10 @@ def read_passes(
 
 
 def _check(bag: str, found: BagPasses, rate: float) -> None:
-    """Print the notes on a bag, or raise `UserError` if its passes cannot be used."""
+    """Print the notes on a bag. Raise `UserError` if its passes cannot be used.
+
+    The bag must have a pass of known mass, and the sample rate `rate` in Hz.
+    """
     for note in found.notes:
         warn(note)
     if found.cell.sample_rate != rate:
@@ -162,7 +166,8 @@ def train(
     evaluations of each estimator at each speed. `n_jobs` is the number of processes, as in
     `run_jobs`. The accuracies are printed. Returns the number of bags that were skipped.
 
-    Raises the exceptions of `read_passes`, and `OutputError` if the file cannot be written.
+    Raises the exceptions of `read_passes`, `TuningError` if there are too few passes or an
+    estimator cannot be tuned, and `OutputError` if the file cannot be written.
     """
     before = base
     as_untrained = base.segmenter if estimators is None else None
