@@ -66,13 +66,16 @@ def result_names(found: Mapping[str, str]) -> dict[str, str]:
 
 
 def _spelled_out(bag: str) -> str:
-    """Return the absolute path of a local bag without symbolic links, or the URL of another bag."""
+    """Return the absolute path of a local bag without symbolic links, or the URL of a remote bag.
+
+    A URL that begins with ``file://`` is a local bag.
+    """
     path = bag.removeprefix('file://')
     return path if is_url(path) else os.path.realpath(path)
 
 
 def _parts(bag: str) -> tuple[str, ...]:
-    """Return the parts of the path of a bag. The first part of a URL is its protocol."""
+    """Return the parts of the absolute path of a bag. The first part of a URL is its protocol."""
     if is_url(bag):
         protocol, _, rest = bag.partition('://')
         parts = (part for part in rest.split('/') if part not in ('', '.'))

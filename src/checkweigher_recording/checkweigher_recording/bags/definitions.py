@@ -40,7 +40,7 @@ def bag_errors(path: Path) -> Iterator[None]:
     except OSError as error:
         where = error.filename or path
         raise BagError(f'{where}: cannot be read: {error.strerror or error}') from error
-    # The parsers may raise any exception for damaged bytes.
+    # The parsers may raise any exception for damaged bytes, so all exceptions are converted.
     except Exception as error:
         text = ' '.join(str(error).split()).rstrip('.') or type(error).__name__
         raise BagError(f'{path}: damaged: {text}; record it again or restore it') from error
@@ -94,7 +94,7 @@ def serialize(port: Port, record: Any, stamp: int) -> bytes:
     """
     store = typestore([port])
     fields = conversion.to_fields(record, stamp)
-    # The frame_id stays empty, because the topic identifies the source.
+    # The field frame_id stays empty, because the topic already identifies the source.
     header = store.types[HEADER](store.types[TIME](**fields.pop('header')['stamp']), '')
     times = {
         name: store.types[TIME](**value) for name, value in fields.items() if type(value) is dict
@@ -108,7 +108,8 @@ def deserialize(port: Port, data: bytes, store: Typestore | None = None) -> Any:
 
     `store` contains the definition of the message. By default, the installed definition is used.
 
-    Raises an exception if `data` is not a message of the port, or contains an invalid value.
+    Raises `ValueError` if the message contains an invalid value. If `data` is not a message of the
+    port, the parser may raise any exception.
     """
     message: Any = (store or typestore([port])).deserialize_cdr(data, port.message_type)
     stamp = message.header.stamp
@@ -164,7 +165,7 @@ def _lacks_only_newer_fields(stored: Typestore, port: Port) -> bool:
 
 
 def _type_hash(definition: MessageDefinition, port: Port) -> str:
-    """Return the hash of a definition from a bag, or an empty string if the bag has none."""
+    """Return the RIHS01 hash of a definition from a bag, or '' if `_stored` returns None for it."""
     known = typestore([port])
     if definition.data == known.generate_msgdef(port.message_type, ros_version=2)[0]:
         return known.hash_rihs01(port.message_type)
@@ -173,7 +174,11 @@ def _type_hash(definition: MessageDefinition, port: Port) -> str:
 
 
 def _stored(definition: MessageDefinition, port: Port) -> Typestore | None:
-    """Return a store with a definition from a bag, or None if the definition is missing."""
+    """Return a store with a definition from a bag.
+
+    Returns None if the bag has no definition, or a definition in neither of the formats MSG and
+    IDL.
+    """
     store = get_typestore(Stores.EMPTY)
     if definition.format == MessageDefinitionFormat.MSG:
         store.register(get_types_from_msg(definition.data, port.message_type))

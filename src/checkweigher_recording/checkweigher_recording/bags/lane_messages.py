@@ -46,8 +46,9 @@ class LaneMessages:
     def take(self, topic: str, port: Port, data: bytes) -> None:
         """Add a message.
 
-        Raises an exception if the message is not valid. Messages with samples are decoded many at a
-        time, so for such a message, a later call of `take` or `rest` may raise the exception.
+        If the message is not valid, the exceptions of `deserialize` or, for a load-cell message, of
+        `take_cell` are raised. Messages with samples are decoded many at a time, so for such a
+        message, a later call of `take` or `rest` may raise the exception.
         """
         self.numbers[topic] += 1
         self._since += 1
@@ -109,8 +110,8 @@ class LaneMessages:
     def rest(self) -> Recording:
         """Return all remaining events as the last stretch.
 
-        Raises `BagError` if the bag has no load-cell message or no samples, and `OutOfOrderError`
-        as `stretch` does.
+        Raises `BagError` if the bag has no load-cell message or no samples, `OutOfOrderError` as
+        `stretch` does, and the exceptions of `deserialize` if a message with samples is not valid.
         """
         self._decode()
         blocks = self._sorted()

@@ -27,7 +27,8 @@ def find_port(name: str, ports: Iterable[Port]) -> tuple[str, Port] | None:
     found = [port for port in ports if name == port.name or name.endswith(f'/{port.name}')]
     if not found:
         return None
-    # Choose the longest name: load_cell/status is not the topic status of a lane load_cell.
+    # Choose the port with the longest name. Otherwise, the topic load_cell/status would be taken
+    # for the topic status of a lane with the namespace load_cell.
     port = max(found, key=lambda port: len(port.name))
     return name.removesuffix(port.name).removesuffix('/'), port
 
@@ -35,7 +36,8 @@ def find_port(name: str, ports: Iterable[Port]) -> tuple[str, Port] | None:
 def lanes_of(connections: Iterable[Connection], ports: Collection[Port]) -> dict[str, Lane]:
     """Return the pairs (connection, port) of each lane that has topics of `ports`, by lane prefix.
 
-    Connections with other topics are left out. The lane prefix of an absolute topic name is empty.
+    Connections with other topics are left out. A port whose name is absolute, such as
+    ``/diagnostics``, has the empty lane prefix, because it belongs to all lanes.
     """
     lanes: dict[str, Lane] = {}
     for connection in connections:
@@ -46,7 +48,7 @@ def lanes_of(connections: Iterable[Connection], ports: Collection[Port]) -> dict
 
 
 def choose_lane(path: Path, connections: Sequence[Connection], namespace: str | None) -> Lane:
-    """Return the connections of the topics of a lane that a replay reads, each with its port.
+    """Return the connections of a lane whose topics a replay reads, each with its port.
 
     `namespace` is the namespace of the lane, or None for the only lane of the bag.
 

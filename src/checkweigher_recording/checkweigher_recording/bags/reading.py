@@ -107,7 +107,8 @@ def over_stretches(
     """Return the result of `work` for the parts of a bag that `read_stretches` yields.
 
     If the messages are too far out of order for `read_stretches`, `work` is called again with the
-    whole bag as a single part. The other parameters and exceptions are as in `read_bag`.
+    whole bag as a single part. The other parameters and exceptions are as in `read_bag`. Exceptions
+    of `work` are raised unchanged.
     """
     try:
         return work(read_stretches(path, namespace, progress=progress))

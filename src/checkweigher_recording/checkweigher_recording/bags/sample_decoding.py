@@ -19,7 +19,7 @@ _LITTLE_ENDIAN = 0x0100  # encapsulation header of little-endian CDR, read as a 
 def decode_samples(messages: Sequence[bytes]) -> BlockColumns:
     """Return the blocks of CDR messages of the type LoadCellSamples, in the same order.
 
-    Raises an exception if a message cannot be decoded.
+    Raises the exceptions of `deserialize` if a message cannot be decoded.
     """
     sizes = np.fromiter(map(len, messages), np.int64, len(messages))
     parts: list[BlockColumns] = []
@@ -39,8 +39,9 @@ def _decode_alike(messages: Sequence[bytes]) -> tuple[NDArray[np.bool_], BlockCo
     """Decode all messages that have the layout of the first message.
 
     `messages` are n > 0 messages of the same size. Messages have the same layout if their
-    ``frame_id`` and their number of samples are equal. If the first message has additional bytes,
-    no message is decoded. Returns a mask of the decoded messages, (n,) bool, and their blocks.
+    ``frame_id`` and their number of samples are equal. Messages that are not little-endian, or
+    whose stamp is not valid, are not decoded. If the first message has additional bytes, no message
+    is decoded. Returns a mask of the decoded messages, (n,) bool, and their blocks.
 
     Raises an exception if the first message cannot be decoded.
     """

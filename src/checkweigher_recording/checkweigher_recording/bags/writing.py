@@ -126,8 +126,9 @@ class BagWriter(AbstractContextManager['BagWriter', None]):
     def put(self, port: Port, stamp: int, data: bytes) -> None:
         """Append a CDR message to the topic `port`, with the log time `stamp` in ns.
 
-        Raises `OutputError` if the message cannot be written, for example because the disk is full.
-        The first call raises `BagError` if the definition of a message type is not installed.
+        `port` must be one of the `ports` of the bag. Raises `OutputError` if the message cannot be
+        written, for example because the disk is full. The first call raises `BagError` if the
+        definition of a message type is not installed.
         """
         mcap = self._mcap or self._open()
         with self._writing():
