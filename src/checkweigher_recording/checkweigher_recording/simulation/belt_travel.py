@@ -69,7 +69,7 @@ class BeltTravel:
         # the line is endless.
         self.last_exit: float | None = None
         # The caller may set the attributes below. A new value takes effect in the next call of
-        # `plan`.
+        # `plan`; a new value of `resting` takes effect in the next call of `load` or `load_steps`.
         #
         # Speed of the belt in m/s.
         self.speed = line.speed
@@ -103,7 +103,8 @@ class BeltTravel:
     def plan(self, begin: float, end: float) -> list[Pass]:
         """Remove the passes that end before `begin`, and return the new ones that begin by `end`.
 
-        `begin` and `end` are in s.
+        `begin` and `end` are in s. Products that do not enter the belt, because `feed` is False,
+        have no pass.
         """
         self.passes = [entry for entry in self.passes if entry.t4 >= begin]
         while self._times[1] < begin:

@@ -67,12 +67,14 @@ class Rocking:
     """Rotation of the platform about its middle, which changes the reading."""
 
     mode: Platform
-    coupling: float  # relative change of the reading for a load at an end of the belt
+    # Relative change of the reading for a load at the outfeed end of the belt. For a load at the
+    # infeed end, the change has the opposite sign.
+    coupling: float
 
 
 @dataclass(frozen=True, slots=True)
 class Corner:
-    """Relative error ``linear * p + square * p**2`` for a load at p.
+    """Relative error ``linear * p + square * p**2`` of the force of a load at the position p.
 
     The position p is -1 at the infeed and 1 at the outfeed.
     """
@@ -127,7 +129,7 @@ class Roller:
 
 @dataclass(frozen=True, slots=True)
 class Joint:
-    """Joint of the belt, which strikes the rollers at both ends once per revolution."""
+    """Joint of the belt, which strikes the rollers at both ends once per revolution of the belt."""
 
     belt_length: float  # length of the belt in m
     width: float  # width of the joint in m
@@ -136,10 +138,13 @@ class Joint:
 
 @dataclass(frozen=True, slots=True)
 class Floor:
-    """Vibration of the floor: noise from 4 Hz to 12 Hz, and sines with slowly varying phases."""
+    """Vibration of the floor: noise from 4 Hz to 12 Hz, and sines.
+
+    The phases and the amplitudes of the sines vary slowly.
+    """
 
     noise: float  # standard deviation of the noise in kg
-    lines: tuple[tuple[float, float], ...]  # frequency in Hz and amplitude in kg of each sine
+    lines: tuple[tuple[float, float], ...]  # frequency in Hz and mean amplitude in kg of each sine
     wander: float  # standard deviation of the phase of a sine in rad
 
 
@@ -255,7 +260,7 @@ def draw(seed: int) -> Machine:
     """Draw a machine at random. Equal seeds give equal machines.
 
     Each field of `Machine` has its own random numbers, so that a change of the range of one field
-    does not affect the others.
+    does not change the numbers that are drawn for the others.
     """
     names = [each.name for each in fields(Machine)]
     seeds = np.random.SeedSequence(seed).spawn(len(names))

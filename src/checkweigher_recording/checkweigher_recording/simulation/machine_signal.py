@@ -66,8 +66,10 @@ def roller_force(
 ) -> Array:
     """Return the force of a roller, (n,) in kg.
 
-    `phases` contains the phase in rad of each order of the vibration. `travel` is the belt travel,
-    (n,) in m, `load` is the mass on the belt, (n,) in kg, and `speed` is the belt speed in m/s.
+    `phases` contains the phase in rad of each order of the vibration. `wander` is the deviation of
+    the roller angle from a uniform rotation as a function of the belt travel in m, relative to its
+    standard deviation. `travel` is the belt travel, (n,) in m, `load` is the mass on the belt, (n,)
+    in kg, and `speed` is the belt speed in m/s.
     """
     angle = 2 * travel / roller.diameter + roller.wander * wander(travel)
     force = np.zeros(len(travel))
@@ -198,7 +200,11 @@ class MachineSignal:
         return force, moment
 
     def _add_belt(self, force: Array, moment: Array, time: Array, travel: Array) -> None:
-        """Add force and moment of rollers, belt joint and broadband noise."""
+        """Add the forces of rollers, belt joint and broadband noise, and the moments, all in kg.
+
+        The broadband noise has no moment. The moments are divided by half the distance between the
+        photo-eyes.
+        """
         load, speed = self._belt.load(time, travel), self._belt.speed
         for roller, phases, wander in self._rollers:
             shaking = roller_force(roller, phases, wander, travel, load, speed)

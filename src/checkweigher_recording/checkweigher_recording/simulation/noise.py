@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# Frequency band in Hz, and noise bandwidth in Hz. The noise bandwidth of a Butterworth filter of
-# order 2 is pi/4 / sin(pi/4) times its width.
+# Frequency band of the floor vibration in Hz, and noise bandwidth in Hz of the filter that limits
+# white noise to this band. The noise bandwidth of a Butterworth filter of order 2 is
+# pi/4 / sin(pi/4) times its width.
 FLOOR_BAND = (4.0, 12.0)
 FLOOR_BANDWIDTH = math.pi / 4 / math.sin(math.pi / 4) * (FLOOR_BAND[1] - FLOOR_BAND[0])
 

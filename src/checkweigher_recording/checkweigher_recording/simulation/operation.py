@@ -84,9 +84,10 @@ class OperationParameters(Parameters):
         return max(0.0, -self.infeed_place, -self.outfeed_place)
 
     def switches(self, entry: Pass) -> Iterator[tuple[float, Eye, bool]]:
-        """Yield time in s, eye, and whether the eye becomes blocked, for each switch by a product.
+        """Yield time in s, eye, and whether the eye becomes blocked, for each switch of an eye.
 
-        The switches are not sorted by time. A dead eye has no switches.
+        The product of the pass `entry` causes the switches. The switches are not sorted by time. A
+        dead eye has no switches.
         """
         speed = entry.length / (entry.t2 - entry.t1)
         all_times = {Eye.INFEED: (entry.t1, entry.t2), Eye.OUTFEED: (entry.t3, entry.t4)}

@@ -26,8 +26,8 @@ class PlatformDynamics:
 
         y(k) = (a11 + a22) y(k-1) - det(A) y(k-2) + b1 f(k-1) + b2 f(k-2)
 
-    in transposed direct form with the state (y, a12 v - a22 y). Here A is the matrix of a11, a12,
-    a21 and a22, b1 = 1 - a11, and b2 = -a12 a21 - a22 (1 - a11). The gain of the filter for a
+    in transposed direct form II with the state (y, a12 v - a22 y). Here A is the matrix of a11,
+    a12, a21 and a22, b1 = 1 - a11, and b2 = -a12 a21 - a22 (1 - a11). The gain of the filter for a
     constant force is 1 at any mass.
     """
 
