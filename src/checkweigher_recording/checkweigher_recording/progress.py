@@ -25,7 +25,7 @@ _READ = re.compile(r'progress (\S+), (\S+) s left: (.*)')
 class Progress(NamedTuple):
     """Progress of a computation."""
 
-    doing: str  # what the computation does, such as "reading"
+    doing: str  # name of the work that the computation does, such as "reading"
     share: float  # completed fraction of the computation, from 0 to 1
     remaining: float  # estimated remaining time in s, NaN if it is not known
 

@@ -38,7 +38,8 @@ class ImportParameters(Parameters):
     offset in g.
 
     Raises `ParameterError` if a value is out of range, if neither or both of the calibrations are
-    given, if only one eye has a column, or if the decimal mark is also the separator.
+    given, if the scale is 0, if only one eye has a column, or if the decimal mark is also the
+    separator.
     """
 
     node: ClassVar[str] = 'import'
@@ -159,7 +160,10 @@ class _Clock:
     begin: int  # time of the first row in ns
 
     def stamp(self, row: float) -> int:
-        """Return the time of a row in ns. A fractional row lies between two rows."""
+        """Return the time of a row in ns. For a fractional row, the time is interpolated linearly.
+
+        A row beyond the last row has the time of the last row.
+        """
         below = min(int(row), len(self.index) - 1)
         above = min(below + 1, len(self.index) - 1)
         begin, end = int(self.index[below]), int(self.index[above])

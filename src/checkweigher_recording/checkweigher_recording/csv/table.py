@@ -36,10 +36,9 @@ def read_table(
 ) -> Columns:
     """Read columns of a CSV file. The first row is a header unless all its cells are numbers.
 
-    Blank lines are skipped.
-    `columns` maps each use of a column, such as ``signal``, to the name or the number (from 0) of
-    the column. An empty name stands for the only column of the file. If `delimiter` is None,
-    columns are separated by white space. `decimal` is the decimal mark.
+    Blank lines are skipped. `columns` maps each use of a column, such as ``signal``, to the name or
+    the number (from 0) of the column. An empty name stands for the only column of the file. If
+    `delimiter` is None, columns are separated by white space. `decimal` is the decimal mark.
 
     Raises `CsvError` if the file cannot be read or has no values, a column is missing or ambiguous,
     or a value is not a finite number.
