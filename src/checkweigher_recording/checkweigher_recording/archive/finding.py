@@ -16,13 +16,13 @@ _SUFFIXES = ('.mcap', '.db3')
 def find_bags(places: Iterable[str]) -> dict[str, str]:
     """Return the bags in some places, as a mapping from each bag to its place.
 
-    A place is a path or a URL of fsspec. If a place is a file, it is returned as a bag. If a place
-    is a folder, the folder and its subfolders are searched for folders with a ``.mcap`` file or
-    ``metadata.yaml``, which are returned as bags. Subfolders within a bag, and subfolders whose
-    names begin with a dot, are not searched. The bags are in the order of `places`, and in
-    alphabetical order within a place. A bag that can be found by several paths is returned once. If
-    a place has no bag or cannot be listed, the place itself is returned as a bag, so that the
-    caller gets the error when it reads that bag.
+    A place is a path or a URL of fsspec. If a place is a file, it is returned as a bag, as is a
+    path that does not exist. If a place is a folder, the folder and its subfolders are searched for
+    folders with a ``.mcap`` file or ``metadata.yaml``, which are returned as bags. Subfolders
+    within a bag, and subfolders whose names begin with a dot, are not searched. The bags are in the
+    order of `places`, and in alphabetical order within a place. A bag that can be found by several
+    paths is returned once. If a place has no bag or cannot be listed, the place itself is returned
+    as a bag, so that the caller gets the error when it reads that bag.
 
     Raises `BagError` if there are places, but none of them has a bag.
     """

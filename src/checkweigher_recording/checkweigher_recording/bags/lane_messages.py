@@ -16,7 +16,8 @@ from checkweigher_core.ros.ports import LOAD_CELL_INFO, LOAD_CELL_SAMPLES, Port
 from checkweigher_recording.bags.definitions import BagError, deserialize
 from checkweigher_recording.bags.sample_decoding import decode_samples
 
-# Number of added messages, and their total size in bytes, from which the samples are decoded.
+# The samples are decoded when this number of messages, or messages of this total size in bytes,
+# have been added since the latest decoding.
 _AT_ONCE, _BYTES_AT_ONCE = 4096, 1 << 22
 # Maximum time in ns by which the stamp of a message may be before that of an earlier message.
 _LATE = 60 * NANOSECONDS

@@ -1,11 +1,11 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Family of belt scales with random properties. The profile ``machine:SEED`` draws one scale.
+"""Family of belt scales with random properties. The profile ``machine:SEED`` selects one scale.
 
 A drawn machine has more causes of disturbance than a `Profile`. Each cause of disturbance is a
 field of `Machine`, and `Machine.without` removes causes. The ranges of the properties are typical
 of belt scales for products of up to a few kilograms; they are not fitted to a particular machine.
-Forces are in kg, that is, divided by g.
+Forces are divided by the gravitational acceleration g, so they are in kg.
 """
 
 from collections.abc import Callable
@@ -36,7 +36,7 @@ class _Draw:
         return float(low * (high / low) ** self._random.uniform())
 
     def sign(self, low: float, high: float) -> float:
-        """Return a random number of random sign, with a magnitude as that of `ratio`."""
+        """Return a random number with a random sign, and with a magnitude as drawn by `ratio`."""
         return self.ratio(low, high) * self.one_of(-1, 1)
 
     def one_of(self, *values: Any) -> Any:

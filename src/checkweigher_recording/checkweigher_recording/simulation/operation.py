@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Changes that an operator makes to a simulated machine: its products, belt and photo-eyes."""
+"""Changes of the products, belt and photo-eyes of a simulated machine by an operator."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
