@@ -25,8 +25,8 @@ from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.ros.ports import Port
 from checkweigher_recording.bags.writing import BagWriter
 
-# Reasons of a FAULT that do not exclude a pass. The window of such a pass is complete, and training
-# may remove the cause of the FAULT.
+# Reasons of a FAULT for which a pass of the known mass is counted nevertheless. The window of such
+# a pass is complete, and training may remove the cause of the FAULT.
 _OF_USE = {Reason.SPEED_NOT_TRAINED, Reason.NO_CONVERGENCE, Reason.NO_PRODUCT}
 _POLL_PERIOD = 0.2  # s
 _FLUSH_PERIOD = 1.0  # time in s between flushes; a kill loses at most the messages of this time

@@ -79,7 +79,7 @@ def check_namespace(name: str) -> str:
 
 
 def places_of(arguments: Namespace, bags: Iterable[str]) -> list[str]:
-    """Return the bags as the workers can find them.
+    """Return the paths or URLs under which the workers can read the bags.
 
     For a cluster, a path becomes absolute, because the workers may run in another folder. URLs, and
     all bags for the local scheduler, are returned unchanged.

@@ -291,7 +291,12 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
             os.killpg(child.pid, signal.SIGTERM)
 
     def _begin(self, tell: _Tell, *words: object) -> None:
-        """Start a command, whose progress `tell` publishes as feedback of an action."""
+        """Start a command in a child process, and watch it by `_poll`.
+
+        `words` contains the name and the arguments of the command. The function `tell` publishes
+        the progress of the command as feedback of an action. `_ended` is set when the command has
+        ended.
+        """
         self._cancelled, self._line = False, ''
         self._tell, self._ended = tell, Future()
         with self._output.open('w') as output, self._errors.open('w') as errors:

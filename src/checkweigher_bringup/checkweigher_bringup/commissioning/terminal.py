@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Questions to a technician at the terminal, and the steps of a verification."""
+"""Questions at the terminal to a technician, or to the operator of a verification."""
 
 from collections.abc import Callable, Sequence
 import sys
@@ -12,7 +12,7 @@ _UNFINISHED = 'the verification was complete; the bag contains the steps so far'
 
 
 def ask(text: str, unfinished: str = 'the calibration was done: nothing was written') -> str:
-    """Print a request to the technician, wait for Enter, and return the text that was typed.
+    """Print a request to the user on stderr, wait for Enter, and return the text that was typed.
 
     If the standard input ends, `UserError` is raised with a message that ends with `unfinished`.
     """

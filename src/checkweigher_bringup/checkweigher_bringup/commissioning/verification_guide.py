@@ -294,10 +294,10 @@ class _Guide:
 
 
 def _count_weighed(step: Step, items: list[ItemPass]) -> int:
-    """Return the number of weighed items of a step.
+    """Return how many of the items count as passes of a step, because they were weighed.
 
-    If the load of the step is outside the weighing range, all items are counted, because none of
-    them can be weighed.
+    In a step outside the range of the dynamic setting, all items count, because each of them must
+    get the decision FAULT.
     """
     return sum(item.weighed or step.kind == StepKind.OUTSIDE for item in items)
 
