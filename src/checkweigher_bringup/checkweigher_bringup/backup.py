@@ -105,7 +105,7 @@ def _add(tar: tarfile.TarFile, folder: Path) -> Iterator[tuple[str, str]]:
 def _add_file(tar: tarfile.TarFile, path: Path, name: str) -> Iterator[tuple[str, str]]:
     try:
         file = path.open('rb')
-    except FileNotFoundError:  # the line has renamed a temporary file since the files were listed
+    except FileNotFoundError:  # a temporary file that the line has renamed is left out
         return
     with file:
         hashed = _Hashed(file)

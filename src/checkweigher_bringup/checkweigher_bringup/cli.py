@@ -184,7 +184,7 @@ def _run(arguments: Sequence[str]) -> int:
             parsed = build_parser().parse_args(arguments)
             command = f' {parsed.command}'
             status = int(parsed.run(parsed))
-        except SystemExit as error:  # argparse has already printed its message.
+        except SystemExit as error:  # argparse has printed its message, so none is printed here.
             status = _status_of(error)
         sys.stdout.flush()
         return status
@@ -198,7 +198,7 @@ def _run(arguments: Sequence[str]) -> int:
         if isinstance(error, OSError):
             _discard_output()
         status = getattr(error, 'exit_status', 2)
-    with suppress(OSError):  # The terminal may have been closed.
+    with suppress(OSError):  # A closed terminal must not change the exit status.
         print(f'{_PROGRAM}{command}: {one_line(line)}', file=sys.stderr)
     return status
 

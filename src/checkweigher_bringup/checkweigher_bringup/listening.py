@@ -48,7 +48,7 @@ class ResultListener(PortNode):
         self.listen(ports.VERDICT, self._on_verdict)
 
     def count_drivers(self) -> int:
-        """Return the number of publishers of samples in this lane; each driver is one of them."""
+        """Return the number of publishers of samples in this lane. Each driver has one of them."""
         return int(self.count_publishers(self.resolve_topic_name(ports.LOAD_CELL_SAMPLES.name)))
 
     def listen(self, port: Port, callback: Callable[[Any], None]) -> None:

@@ -112,7 +112,8 @@ def on_scheduler_of(arguments: Namespace) -> Iterator[int | None]:
         try:
             yield arguments.jobs
         finally:
-            remove_abandoned()  # Interrupted processes may have left temporary folders.
+            # Interrupted processes may have left temporary folders, which are removed here.
+            remove_abandoned()
 
 
 def refuse(arguments: Namespace, why: str, *names: str) -> None:

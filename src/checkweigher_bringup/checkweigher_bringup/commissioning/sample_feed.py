@@ -100,7 +100,8 @@ def line_feed(namespace: str) -> Iterator[SampleFeed]:
 def source_feed(name: str, source: Source) -> Iterator[SampleFeed]:
     """Yield a feed with the samples of a source, and close the source when the context ends.
 
-    Another thread reads the source. A simulated source or a bag is read in real time.
+    Another thread reads the source. A source that is not a device, such as the simulator, is read
+    in real time.
     """
     feed = SampleFeed(f'source {name}')
     feed.put(source.load_cell)

@@ -154,7 +154,7 @@ def _seal(arguments: argparse.Namespace, found: 'Verification', seals_file: Path
 
 
 def _as_json(found: 'Verification', seals: 'Sequence[Seal]') -> dict[str, Any]:
-    """Return the entries of a log before the first fault, the fault, and the seals, for JSON.
+    """Return the entries before the first fault of a log, the fault, and the seals as JSON values.
 
     The fault consists of the kind of the problem, the reason, and the number of the faulty line if
     it is known. Values that do not exist are None.
