@@ -234,7 +234,7 @@ def _evaluate_bags(arguments: argparse.Namespace, n_jobs: int | None) -> Result:
 
 
 def _examples(passes: list[KnownPass], base: LineParameters) -> tuple[Example, ...]:
-    """Return an example of the heaviest pass at the lowest speed, and of that at the highest speed.
+    """Return examples of the heaviest pass at the lowest speed and at the highest speed.
 
     If all passes have the same speed, only one example is returned.
     """
