@@ -111,7 +111,7 @@ class RecorderNode(PortNode):
             self.subscribe(ports.VERDICT, self._on_verdict)
 
     def write(self, bag: BagWriter) -> bool:
-        """Wait up to 0.2 s for the next message, write it, and return whether it arrived.
+        """Write the next message if it arrives within 0.2 s, and return whether it has arrived.
 
         If the latest flush of the bag was more than a second ago, the bag is flushed.
 

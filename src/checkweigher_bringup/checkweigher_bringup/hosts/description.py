@@ -151,7 +151,8 @@ class _LaneEntry(Settings):
 def _check_share(host: str, names: Sequence[str], placed: Sequence[str]) -> None:
     """Raise `SettingsError` if a host has no node, an unknown node, or a node that is repeated.
 
-    `placed` contains the nodes of all hosts of the lane.
+    `names` contains the node names of the host, and `placed` those of all hosts of the lane. A name
+    that two hosts list, or one host lists twice, is repeated in `placed`.
     """
     if not names:
         raise SettingsError('lists no node', 'nodes', host)

@@ -208,7 +208,11 @@ def _gateway_commands(file: Path | None, namespace: str) -> dict[str, Command]:
 
 
 def _with_files(module: str, namespace: str, files: Callable[[], list[Path]]) -> list[str]:
-    """Return the command of a module with the parameter files that exist when it is started."""
+    """Return the command that runs a module with the parameter files that `files` returns now.
+
+    The trained parameters may be created or replaced while the line runs, so the command must be
+    made at each start of the process.
+    """
     return node_command(module, namespace, *files())
 
 
