@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Alarms of a line. An alarm is listed until its cause has ended and a person acknowledges it."""
+"""Alarms of a line. An alarm is listed until its cause has ended and it has been acknowledged."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, fields, replace
@@ -29,16 +29,20 @@ _KILLED = 'it ended without being stopped: it was killed, it hung, or power was 
 
 
 def alarm_of(values: Mapping[str, Any]) -> Alarm:
-    """Return the alarm in the value of an audit log entry. Unknown fields are ignored."""
+    """Return the alarm that the new value of an audit log entry describes.
+
+    Unknown fields are ignored. Raises TypeError if a field without a default value is missing.
+    """
     return Alarm(**{e.name: values[e.name] for e in fields(Alarm) if e.name in values})
 
 
 class AlarmList:
     """Alarms of a line, which are stored as entries of its audit log.
 
-    An entry is written when an alarm begins, recurs, ends or is acknowledged, and when the line is
-    shut down. If an item fault recurs, an entry is written only when its count has doubled.
-    `clock` returns the time in ns. `publish` is called with all alarms after each change.
+    An entry is written when an alarm begins, recurs, ends or is acknowledged, and for each changed
+    alarm when the line is shut down. If an item fault recurs, an entry is written only when its
+    count is a power of two. `clock` returns the time in ns. `publish` is called with all alarms at
+    the start of the line and after each change.
     """
 
     def __init__(
@@ -49,7 +53,7 @@ class AlarmList:
         self._publish = publish
         alarms = [alarm_of(each) for each in trail.known(ALARM).values()]
         self._alarms = {(each.source, each.reason): each for each in alarms if not each.over}
-        self._nodes: set[str] = set()  # nodes that were started at least once
+        self._nodes: set[str] = set()  # nodes of the line that were started in this run
 
     def begin_run(self) -> None:
         """Record the start of the line, and add an alarm if its last run was not shut down."""
@@ -65,13 +69,20 @@ class AlarmList:
         self._trail.saw(RUN, 'line', 'begun', 'ended')
 
     def add_verdict(self, verdict: Verdict) -> None:
-        """Add an alarm for each reason of a FAULT verdict, except during a performance test."""
+        """Add an alarm, or count it again, for each reason of a FAULT verdict.
+
+        A verdict with the reason PerformanceTest is ignored, because its item is a test item.
+        """
         if verdict.decision == Decision.FAULT and Reason.PERFORMANCE_TEST not in verdict.reasons:
             for reason in verdict.reasons:
                 self._add(FAULT, reason, hint_of(reason))
 
     def add_started(self, nodes: set[str]) -> None:
-        """Add an alarm for each node in `nodes` that was started before in this run."""
+        """Add an alarm for each node in `nodes` that was started before in this run.
+
+        `nodes` are the names of the nodes that have just been started. Names that are not in
+        `NODES` are ignored.
+        """
         for node in nodes.intersection(NODES):
             if node in self._nodes:
                 self._add(NODE, node, _RESTARTED)
@@ -80,8 +91,9 @@ class AlarmList:
     def set_stop(self, request: StopRequest | None) -> None:
         """Begin the alarm of a stop request, and end the alarms of all other stop requests.
 
-        If `request` is None, the alarms of all stop requests end. A request with the reason
-        NotReady is no alarm, because this reason is also used when a person stops the line.
+        If `request` is None, the alarms of all stop requests end. So they do for a request with the
+        reason NotReady, which is no alarm, because this reason is also used when a person stops
+        the line. If the alarm of `request` is already active, it is left unchanged.
         """
         if request is not None and request.reason is StopReason.NOT_READY:
             request = None
@@ -106,7 +118,9 @@ class AlarmList:
         now = self._clock()
         known = self._alarms.get((source, reason), Alarm(source, reason, text, now, now))
         count = known.count + 1
-        doubled = count.bit_count() == 1  # otherwise a fault that each item has would fill the log
+        # Write an item fault only at the counts 1, 2, 4, 8 and so on, because otherwise a fault of
+        # every item would fill the log.
+        doubled = count.bit_count() == 1
         added = replace(known, text=text, last=now, count=count, active=active)
         self._put(added, write=source != FAULT or doubled)
 
@@ -126,7 +140,7 @@ class AlarmList:
         self._publish(Alarms(self._clock(), tuple(self._alarms.values())))
 
     def finding(self) -> Finding:
-        """Return the finding "Alarms" of the diagnostics."""
+        """Return the diagnostics finding "Alarms", a warning if an alarm is not acknowledged."""
         waiting = [
             f'{each.source} {each.reason}'
             for each in self._alarms.values()

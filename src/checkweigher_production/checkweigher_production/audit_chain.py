@@ -25,8 +25,9 @@ PREDECESSOR = 'predecessor'
 class LogChain:
     """Audit log with the earlier logs of the same line, which are in the same folder."""
 
-    logs: tuple[tuple[Path, Verification], ...]  # oldest first
-    fault: str = ''  # reason why a log cannot be trusted or is missing, or empty
+    logs: tuple[tuple[Path, Verification], ...]  # each log with its verification, oldest first
+    # Reasons why logs cannot be trusted or are missing, separated by '; ', or empty.
+    fault: str = ''
 
     @property
     def entries(self) -> list[Entry]:
@@ -46,6 +47,7 @@ def read_chain(path: Path) -> LogChain:
 
     Raises `AuditError` if `path` cannot be read. The `fault` of the result names each log that is
     not valid, that cannot be read, or whose last entry is not the one that the next log names.
+    Logs before a log that cannot be read are not read.
     """
     logs: list[tuple[Path, Verification]] = [(path, read_log(path))]
     faults = []
@@ -75,9 +77,10 @@ def _last_hash(found: Verification) -> str:
 
 
 def predecessor_of(entries: Sequence[Entry]) -> dict[str, object] | None:
-    """Return the file, number of entries and last hash of the previous log that a log names.
+    """Return the file name, number of entries and last hash of the previous log.
 
-    Returns None if the first entry of the log does not name a previous log.
+    They are the values of the keys 'file', 'entries' and 'hash' in the first of `entries`. Returns
+    None if there are no entries, or if the first entry does not name a previous log.
     """
     for entry in entries[:1]:
         if (entry.kind, entry.subject) == (LOG, PREDECESSOR) and isinstance(entry.new, dict):
@@ -96,8 +99,8 @@ def logs_in(folder: Path) -> list[Path]:
 def name_predecessor(log: AuditLog, time: str, source: str) -> None:
     """Write the first entry of a new log, which names the previous log of the node `source`.
 
-    If there is no previous log, the entry names none. A log that contains entries is left
-    unchanged.
+    The previous log is the log in the same folder that `source` was the last to write. If there is
+    none, the new value of the entry is None. A log that contains entries is left unchanged.
 
     Raises `AuditError` if the entry cannot be written.
     """
@@ -112,7 +115,7 @@ def name_predecessor(log: AuditLog, time: str, source: str) -> None:
 
 
 def _written_by(path: Path, source: str) -> Iterator[tuple[str, str, int, str]]:
-    """Yield a tuple for each other log of the node `source`.
+    """Yield a tuple for each other log that contains an entry of the node `source`.
 
     The tuple contains the time of the last entry, the file name, the number of entries and the hash
     of the last entry. The log `path` is left out. The other logs are in the same folder. Logs that

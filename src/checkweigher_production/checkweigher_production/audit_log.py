@@ -34,7 +34,7 @@ from checkweigher_core.state_files import sync_folder
 
 FIRST_PREVIOUS = '0' * 64
 TORN = 'torn'
-MAX_LOG = 2**25  # bytes
+MAX_LOG = 2**25  # largest size of a log, in bytes
 _Change = tuple[str, str, str, str, Any, Any]  # values of `Entry` from `time` to `new`
 _HEAD = re.compile(rb'\{"sequence":(0|[1-9]\d{0,17}),"hash":"([0-9a-f]{64})"\}\n')
 
@@ -56,12 +56,12 @@ class Entry:
     source: str  # full name of the node that wrote the entry
     kind: str  # kind of the change: 'parameter', 'recipe', 'calibration', ...
     subject: str  # name of the changed object
-    old: Any  # previous value in JSON, or None
-    new: Any
+    old: Any  # previous value, converted to JSON types, or None if there was none
+    new: Any  # new value, converted to JSON types
     previous: str  # SHA-256 of the previous entry, hexadecimal
     hash: str = ''  # SHA-256 of this entry, hexadecimal
     who: str | None = None  # person, 'claimed:NAME' or 'graph:NODE', or None in old logs
-    why: str | None = None  # reason that the person has given, or None in old logs
+    why: str | None = None  # reason that the person has given or '', or None in old logs
 
     def line(self) -> bytes:
         """Return the line of the entry in the log."""
@@ -86,11 +86,11 @@ class Verification:
     """Result of verifying a log."""
 
     entries: tuple[Entry, ...]  # valid entries before the first fault
-    bad_line: int = 0  # number of the first faulty line from 1, 0 if unknown or none
+    bad_line: int = 0  # number of the first faulty line, from 1, or 0 if there is none known
     problem: str = ''  # 'changed', 'removed', 'inserted', 'cut' or 'seal'; empty for a valid log
-    reason: str = ''  # description of the fault
-    torn: bytes = b''  # incomplete entry at the end
-    sha256: str = ''  # SHA-256 of the file, hexadecimal
+    reason: str = ''  # description of the fault, or empty for a valid log
+    torn: bytes = b''  # incomplete entry at the end of a valid log, or empty
+    sha256: str = ''  # SHA-256 of the file, hexadecimal, or empty if `verify` was given bytes
 
     @property
     def whole(self) -> bool:
@@ -142,7 +142,7 @@ def verify(data: bytes, head: bytes, known_hash: str = '') -> Verification:
     """Verify the bytes of a log.
 
     `head` contains the bytes of `LOG.head`, or is empty if that file is missing. If `known_hash` is
-    given, one of the entries must have this hash; otherwise the log counts as cut.
+    not empty, one of the entries must have this hash; otherwise the problem of the log is 'cut'.
     """
     chain = _Chain()
     try:
@@ -161,7 +161,10 @@ def verify(data: bytes, head: bytes, known_hash: str = '') -> Verification:
 
 
 class _FaultError(Exception):
-    """Fault of a log, with the values of `bad_line`, `problem` and `reason` of `Verification`."""
+    """Raised at the first fault of a log.
+
+    The arguments are the values of `bad_line`, `problem` and `reason` of the `Verification`.
+    """
 
 
 @dataclass
@@ -173,7 +176,10 @@ class _Chain:
     torn: bytes = b''  # incomplete entry after the valid entries
 
     def follow(self, data: bytes) -> None:
-        """Check and add the entries of a log."""
+        """Check the entries in the bytes of a log, and add the valid entries.
+
+        Raises `_FaultError` at the first fault.
+        """
         others: list[bytes] = []  # invalid lines since the last valid entry
         for line in data.split(b'\n'):
             entry = _parse(line)
@@ -213,7 +219,7 @@ class _Chain:
 
 
 def _may_be_torn(end: bytes, expected: int) -> bool:
-    """Return whether `end` may be the entry with the number `expected`, torn by a power loss."""
+    """Return whether `end` may be the beginning of entry number `expected`, or is empty."""
     beginning = b'{"sequence":%d,' % expected
     written = end.replace(b'\0', b'')  # some file systems leave zero bytes after a power loss
     begun = written.startswith(beginning) or beginning.startswith(written)
@@ -233,9 +239,11 @@ def _parse_head(head: bytes, chain: _Chain) -> tuple[int, str]:
 
 
 def _check_head(chain: _Chain, head: bytes, *, ended: bool) -> None:
-    """Raise `_FaultError` if entries are missing at the end, or if `LOG.head` does not fit the log.
+    """Check whether the number and hash of the last entry in `LOG.head` fit the entries of a log.
 
-    `LOG.head` may lack the last entry. `ended` is whether the log ends with an end of line.
+    `LOG.head` may lack the last entry, because it is written after the entry. `ended` is whether
+    the log ends with an end of line. Raises `_FaultError` if `LOG.head` is missing, is invalid or
+    does not fit the entries, or if the end of line of an entry that `LOG.head` counts is missing.
     """
     count, line = len(chain.entries), chain.line
     sequence, digest = _parse_head(head, chain)
@@ -263,7 +271,8 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
     the log and `LOG.head` are compared with their last known state. No entry is written to a log
     that was replaced, shortened or changed.
 
-    Raises `AuditError` if the log cannot be opened, is open in another process, or is not valid.
+    Raises `LogInUseError` if the log is open in another process, and `AuditError` if it cannot be
+    opened or is not valid.
 
     Attributes
     ----------
@@ -272,7 +281,7 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
     last_hash : str
         Hash of the last entry.
     size : int
-        Size of the log in bytes, at most `MAX_LOG`.
+        Size of the log in bytes. `append` does not let it exceed `MAX_LOG`.
     """
 
     def __init__(self, path: Path) -> None:
@@ -350,8 +359,9 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
     ) -> Entry:
         """Append an entry, sync the file to the disk, and return the entry.
 
-        `who` is the person who makes the change, by default ``graph:`` followed by `source`. `why`
-        is the reason that the person gave. Raises `AuditError` if the entry cannot be written.
+        `old` and `new` are converted to JSON types. `who` is the person who makes the change, by
+        default ``graph:`` followed by `source`. `why` is the reason that the person gave. Raises
+        `AuditError` if the entry cannot be written or would make the log larger than `MAX_LOG`.
         """
         if trouble := self.trouble():
             raise AuditError(f'{trouble}; restore it, and start the node product again')
@@ -376,7 +386,12 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
             self._write(record, who=f'graph:{source}')
 
     def _write(self, change: _Change, *, who: str, why: str = '') -> Entry:
-        """Write the entry of a change, after an end of line if the previous entry lacks one."""
+        """Write and return the entry of a change.
+
+        If the log does not end with an end of line, one is written before the entry. Raises
+        `AuditError` if the log would become larger than `MAX_LOG`, and OSError if it cannot be
+        written.
+        """
         entry = Entry(self._count + 1, *change, self.last_hash, who=who, why=why)
         entry = replace(entry, hash=entry.digest())
         line = entry.line()
@@ -391,7 +406,10 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
         return entry
 
     def _put(self, data: bytes, entry: Entry) -> None:
-        """Append the line of an entry and write `LOG.head`; after an error, remove the line."""
+        """Append the line of an entry, sync the log to the disk, and write `LOG.head`.
+
+        Raises OSError if one of these fails. The line is then removed from the log.
+        """
         try:
             if os.write(self._file, data) < len(data):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -416,7 +434,8 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
             os.fsync(file.fileno())
         os.replace(following, head)
         self._head = text
-        # If this fails, `LOG.head` may lack the last entry after a power loss, which is allowed.
+        # An error of the sync is ignored, because it only means that `LOG.head` may lack the last
+        # entry after a power loss, which is allowed.
         with suppress(OSError):
             sync_folder(self.path.parent)
 

@@ -29,13 +29,13 @@ from checkweigher_production.audit_log import FIRST_PREVIOUS, AuditError, Entry,
 
 @dataclass(frozen=True, slots=True)
 class Seal:
-    """Seal of a log."""
+    """Signed record of the number and the hash of the last entry of a log."""
 
     number: int  # from 1, without gaps
     time: str  # time of the signature, ISO 8601, UTC
     entries: int  # number of sealed entries
-    hash: str  # hash of the last sealed entry, hexadecimal
-    previous: str  # SHA-256 of the line of the previous seal, hexadecimal
+    hash: str  # hash of the last sealed entry, hexadecimal, or 64 zeros if the log was empty
+    previous: str  # SHA-256 of the previous seal's line, hexadecimal, or 64 zeros for the first
     signature: str = ''  # Ed25519 signature of all other fields, hexadecimal
 
     def line(self) -> bytes:
@@ -43,7 +43,7 @@ class Seal:
         return json.dumps(asdict(self), separators=(',', ':')).encode('ascii') + b'\n'
 
     def signed(self) -> bytes:
-        """Return the bytes to be signed."""
+        """Return the bytes to be signed: the line of the seal with an empty signature."""
         return replace(self, signature='').line()
 
 
@@ -55,8 +55,8 @@ def seals_path(log: Path) -> Path:
 def private_key(path: Path) -> Ed25519PrivateKey:
     """Return the signing key in a PEM file.
 
-    Raises `AuditError` if the file cannot be read, contains no Ed25519 private key, or is
-    accessible to anyone except its owner.
+    Raises `AuditError` if the file cannot be read, is accessible to anyone except its owner, or
+    does not contain an Ed25519 private key without a password.
     """
     data = _read(path)
     if path.stat().st_mode & 0o077:
@@ -91,8 +91,9 @@ def _key(path: Path, kind: type, load: Callable[[], object], what: str) -> Any:
 def read_seals(path: Path, key: Ed25519PublicKey) -> tuple[Seal, ...]:
     """Check the signatures of the seals in a file, and return the seals.
 
-    Raises `AuditError` if the file cannot be read or is empty, a line is not a seal, a signature
-    was not made with the private key that belongs to `key`, or a seal is missing.
+    Raises `AuditError` if the file cannot be read or is empty, if a line is not a seal, if a
+    signature was not made with the private key that belongs to `key`, or if a seal does not follow
+    the seal in the line before it. The removal of the last seals is not detected.
     """
     seals: list[Seal] = []
     previous = FIRST_PREVIOUS
@@ -106,7 +107,8 @@ def read_seals(path: Path, key: Ed25519PublicKey) -> tuple[Seal, ...]:
             raise AuditError(f'{path}: line {number}: does not follow the seal before it')
         previous = hashlib.sha256(line).hexdigest()
         seals.append(seal)
-    if not seals:  # the file was emptied, because it is created together with the first seal
+    # The file is created with the first seal in it, so a file without a seal was emptied.
+    if not seals:
         raise AuditError(
             f'{path}: there is no seal in it; put it back as it was, or name another file by '
             '--seals'
@@ -115,7 +117,7 @@ def read_seals(path: Path, key: Ed25519PublicKey) -> tuple[Seal, ...]:
 
 
 def broken_seal(seals: Sequence[Seal], entries: Sequence[Entry]) -> str:
-    """Return a message on the first difference between a log and its seals, or ''."""
+    """Return a message on the first seal that does not fit a log, or '' if all seals fit."""
     for seal in seals:
         begin = f'seal {seal.number} of {seal.time} covers entry {seal.entries}'
         if seal.entries > len(entries):
@@ -130,9 +132,10 @@ def hold_to_seals(
 ) -> tuple[tuple[Seal, ...], Verification]:
     """Compare a log with its seals. Returns the seals, and `found` with the fault if there is one.
 
-    `found` is the result of verifying a valid log, and `path` is the file with the seals. If this
-    file cannot be read or contains an invalid seal, this is the fault, and no seals are returned.
-    Raises `AuditError` if the file does not exist.
+    `found` is the result of verifying a valid log, and `path` is the file with the seals. The
+    fault has the problem 'seal'. A file that cannot be read or contains an invalid seal is also a
+    fault; the returned tuple of seals is then empty. Raises `AuditError` if the file does not
+    exist.
     """
     if not path.exists():
         raise AuditError(f'{path}: there are no seals; name the file of the seals with --seals')
@@ -145,7 +148,10 @@ def hold_to_seals(
 
 
 def sealing(seals: Sequence[Seal], entries: Sequence[Entry]) -> str:
-    """Return a text that states how much of a log is sealed."""
+    """Return a text that states how often a log was sealed, when last, and up to which entry.
+
+    `seals` must contain at least one seal. The text also states the number of later entries.
+    """
     last = seals[-1]
     return (
         f'it is the one that was sealed: {last.number} times, the last time at {last.time} through '
@@ -154,10 +160,11 @@ def sealing(seals: Sequence[Seal], entries: Sequence[Entry]) -> str:
 
 
 def add_seal(path: Path, log: Path, entries: Sequence[Entry], key: Ed25519PrivateKey) -> Seal:
-    """Add a seal for the entries of a valid log to the file `path`, and sync the file.
+    """Add a seal of `entries` to the file `path`, sync the file, and return the seal.
 
-    Raises `AuditError` if the earlier seals cannot be read, were made with another key, or do not
-    fit the log, or if the file cannot be written.
+    `entries` are all entries of a valid log, and `log` is its path, which is named in an error
+    message. Raises `AuditError` if the earlier seals cannot be read, were made with another key, or
+    do not fit the log, or if the file cannot be written.
     """
     seals = read_seals(path, key.public_key()) if path.exists() else ()
     if broken := broken_seal(seals, entries):

@@ -16,7 +16,7 @@ from checkweigher_core.records import Verdict
 from checkweigher_core.records.reasons import Reason
 from checkweigher_production.audit_log import AuditError, AuditLog
 
-CLAIMED = 'claimed:'  # prefix of a name that was not checked
+CLAIMED = 'claimed:'  # prefix of a person's name that was not checked, for example by a password
 
 
 class Author(NamedTuple):
@@ -39,13 +39,15 @@ class Authors:
 
     def __init__(self, patience: float) -> None:
         self._patience = patience
-        self._callers: dict[str, tuple[Author, float]] = {}  # person and expiry time, by service
+        # Person and expiry time of the announcement in s, by service.
+        self._callers: dict[str, tuple[Author, float]] = {}
 
     def announce(self, author: Author, services: Sequence[str], now: float) -> None:
         """Set the services that a person is about to call.
 
-        They replace the services that were announced before for this person. An empty sequence
-        withdraws the announcement.
+        `services` replace the services that were announced before for this person. An empty
+        sequence withdraws the announcement. A service that another person has announced is then
+        announced for `author` alone.
         """
         others = {n: known for n, known in self._callers.items() if known[0].who != author.who}
         self._callers = others | dict.fromkeys(services, (author, now + self._patience))
@@ -70,7 +72,7 @@ class AuditTrail:
     raise `AuditError`, the change must not be made. `saw` and `saw_state` are for changes that have
     happened. If the log cannot be written at present, the entries of these changes are written
     later. At most 1,000 entries wait; if there are more, the oldest are lost.
-    `trouble` is the reason why the log cannot be written at present, or empty.
+    `trouble` is the reason why the last entry could not be written, or empty if it was written.
     """
 
     def __init__(self, log: AuditLog | None, source: str, clock: Callable[[], str]) -> None:
@@ -98,7 +100,11 @@ class AuditTrail:
     def note(
         self, kind: str, subject: str, old: object, new: object, by: Author | None = None
     ) -> None:
-        """Write the entry of a change that is about to be made."""
+        """Write the entry of a change that is about to be made.
+
+        Entries that wait to be written are written before it. Raises `AuditError` if an entry
+        cannot be written; the caller must then not make the change.
+        """
         if not self._log:
             return
         try:
@@ -112,7 +118,7 @@ class AuditTrail:
     def saw(
         self, kind: str, subject: str, old: object, new: object, by: Author | None = None
     ) -> None:
-        """Write the entry of a change that has happened."""
+        """Write the entry of a change that has happened, later if the log cannot be written now."""
         if not self._log:
             return
         self._learn(kind, subject, plain(new))
@@ -148,15 +154,24 @@ class AuditTrail:
         self.trouble = ''
 
     def last(self, kind: str, subject: str) -> Any:
-        """Return the last value of a subject in the log, or None if the log has no value."""
+        """Return the last value of a subject, or None if there is no entry on it.
+
+        An entry of `saw` counts even if it waits to be written.
+        """
         return self._last.get((kind, subject))
 
     def known(self, kind: str) -> dict[str, Any]:
-        """Return the last value of each subject of a kind, in the order of their first entries."""
+        """Return the last value of each subject with entries of a kind.
+
+        The subjects are in the order of their first entries.
+        """
         return {subject: value for (each, subject), value in self._last.items() if each == kind}
 
     def state(self, kind: str, subject: str, value: object, by: Author | None = None) -> None:
-        """Write a state that is about to be set, unless it equals the last state in the log."""
+        """Write a state that is about to be set, unless it equals the last state in the log.
+
+        Raises `AuditError` if the entry cannot be written.
+        """
         if (old := self.last(kind, subject)) != plain(value):
             self.note(kind, subject, old, value, by)
 
@@ -175,10 +190,11 @@ class AuditTrail:
             self.note(FOUND, node, {n: known[n] for n in new if n in known}, new)
 
     def parameters(self, node: str, values: Mapping[str, object], by: Author | None = None) -> None:
-        """Write the parameters of a running node that are about to be set.
+        """Write one entry for each parameter of a running node that is about to be set.
 
         Equal values are written as well, because the value in use may differ from the last one in
-        the log, for example after the selection of a product.
+        the log, for example after the selection of a product. Raises `AuditError` if an entry
+        cannot be written.
         """
         for name, value in values.items():
             old = self._parameters.get(node, {}).get(name)
@@ -191,7 +207,11 @@ class AuditTrail:
     def recipes(
         self, recipes: Mapping[str, Mapping[str, object]], by: Author | None = None
     ) -> None:
-        """Write the recipes that are new, changed or removed."""
+        """Write one entry for each recipe that is new, changed or removed.
+
+        `recipes` are all recipes that are about to be used. The new value of a removed recipe is
+        None. Raises `AuditError` if an entry cannot be written.
+        """
         gone = self.known(RECIPE).keys() - recipes.keys()
         for name, recipe in (*recipes.items(), *((name, None) for name in sorted(gone))):
             self.state(RECIPE, name, recipe, by)

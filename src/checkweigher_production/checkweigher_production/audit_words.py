@@ -52,9 +52,11 @@ def steps_back(entries: Sequence[Entry]) -> Iterator[str]:
 
 
 def changes(entry: Entry) -> list[tuple[str, Any, Any]]:
-    """Return name, old value and new value of each change in an entry.
+    """Return the name, the old value and the new value of each change in an entry.
 
-    For an object without old values, a single change states the number of its values.
+    An entry whose new value is not a dict is a single change of its subject. If the new value is a
+    dict, each key whose value differs is a change. If there is no old dict or it is empty, a single
+    change states the number of the new values.
     """
     old, new = entry.old, entry.new
     if not isinstance(new, dict):

@@ -36,13 +36,16 @@ class ProductionStatistics:
         self._masses = RunningMoments()  # masses of the accepted items in kg
         self._below_tu1 = self._below_tu2 = 0
         self._length_faults = self._speed_faults = 0
-        # Largest t3 in ns.
+        # Largest t3 of the items in ns, or None if no item has a t3.
         self._stamp: int | None = None
         # Smallest and largest t3 in ns, and number of items with a t3, since the stream started.
         self._timed: tuple[int, int, int] | None = None
 
     def add(self, verdict: Verdict) -> None:
-        """Count one item."""
+        """Add the verdict on one item to the statistics.
+
+        The mass is used if the item is accepted and the mass is finite.
+        """
         self._decisions[verdict.decision] += 1
         self._reasons.update(set(verdict.reasons))
         if verdict.t3 is not None:
@@ -109,7 +112,7 @@ class ProductionStatistics:
         )
 
     def _throughput(self) -> float:
-        """Return the items per minute since the stream started.
+        """Return the mean throughput in items per minute since the stream started.
 
         The result is NaN if fewer than two items have different t3.
         """

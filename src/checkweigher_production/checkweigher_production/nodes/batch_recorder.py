@@ -33,8 +33,8 @@ class LineBatches:
 
     If `folder` is empty, there are no records. Otherwise, the batch of the last run continues with
     its product and counts. If this batch is uncertain or its counts are lost, a person must begin a
-    batch. `first` is the name of the first batch, `clock` returns the time for the records (ISO
-    8601, UTC), and `log` is the audit log of the line.
+    batch. `first` is the name of the batch if there is none to continue, `clock` returns the time
+    for the records (ISO 8601, UTC), and `log` is the audit log of the line, or None without one.
 
     Raises `RecordError` if the folder cannot be created.
 
@@ -43,7 +43,7 @@ class LineBatches:
     production : ProductionRecord
         Counts of all products and batches.
     selected : Selection or None
-        Selection of the last run, or None if it is unknown.
+        Selection of the last run, or None if there was none or it is unknown.
     doubt : str
         Reason why no batch is in progress, or empty.
     not_kept : str
@@ -65,7 +65,8 @@ class LineBatches:
         self._corrected = '', 0.0  # last product, and the last correction for it in kg
         self._folder = Path(folder)
         self._writer: RecordWriter | None = None
-        self._open: dict[str, Path] = {}  # records without an end, except the present record
+        # Records without an end by batch name, except the present record.
+        self._open: dict[str, Path] = {}
         self._left_out: list[str] = []  # faults of invalid records
         self._forgotten = ''  # reason why the last selection is unknown, or empty
         self._batch = self._before = ''  # batch of the present record, and the batch before it
@@ -98,7 +99,7 @@ class LineBatches:
             self.selected, self.production.batch = None, ''
 
     def open(self, note: Callable[[RecordState], object]) -> None:
-        """Begin to write to the records. `note` writes a state of a record to the audit log.
+        """Begin to write events to the records. `note` writes a record state to the audit log.
 
         The audit log must state that the record continues before an event is added. Otherwise,
         after a kill, the event would look as if it had been added while the machine was off.
@@ -117,7 +118,8 @@ class LineBatches:
     def _batch_in_progress(self, first: str) -> str:
         """Return the only batch without an end or, if there is none, the batch `first`.
 
-        Raises `RecordError` if the batch in progress is uncertain, or the batch `first` has ended.
+        Raises `RecordError` if several records have no end or a record is not valid, because the
+        batch in progress is then uncertain, or if there is none and the batch `first` has ended.
         """
         if len(self._open) > 1 or self._left_out:
             several = '; '.join([*map(str, self._open.values()), *self._left_out])
@@ -127,9 +129,10 @@ class LineBatches:
         return next(iter(self._open), first)
 
     def _continue(self, writer: RecordWriter, batch: str, before: str) -> None:
-        """Continue a batch, and end the record of the batch `before` if it has no end.
+        """Continue or begin the batch `batch`, and end the record of `before` if it has no end.
 
-        Raises `RecordError` if the counts of the batch are lost.
+        `before` is the name of the previous batch. Raises `RecordError` if the record of `batch`
+        is missing, has ended or is not valid, although this batch was in progress.
         """
         self.production.batch, path = batch, record_path(self._folder, batch)
         interrupted = before != batch and before in self._open
@@ -139,7 +142,8 @@ class LineBatches:
         elif self.selected is not None and (path.exists() or not interrupted):
             raise RecordError(f'{path}: the batch was in progress, and its counts are lost')
         if before != batch and record_path(self._folder, before).exists():
-            self._reopen(writer, before)  # its end, or its entry in the audit log, may be missing
+            # Reopen the previous record, because its end or its audit log entry may be missing.
+            self._reopen(writer, before)
             self._open.pop(before, None)
         if goes_on:
             writer.end(self._clock())
@@ -154,7 +158,10 @@ class LineBatches:
         self._note_states()
 
     def _restore(self, path: Path) -> None:
-        """Restore the counts from a record. Raises `RecordError` if the record is not valid."""
+        """Restore the counts and the correction of the filler from a record.
+
+        Raises `RecordError` if the record is not valid.
+        """
         production = self.production
         try:
             for kind, event in read_events(path):
@@ -169,7 +176,8 @@ class LineBatches:
                 elif kind == 'reset':
                     production.reset()
         finally:
-            production.product = None  # the product has not been selected since the restart
+            # The product of the record is in use again only after `use` is called.
+            production.product = None
 
     def keep(self, limits: ProductOnLine | None, *, always: bool = False) -> None:
         """Save product, limits and batch if they have changed or `always` is True.
@@ -193,18 +201,21 @@ class LineBatches:
             self.not_kept = f'{error.filename or self._folder}: {error.strerror or error}'
 
     def write(self, kind: str, values: object) -> None:
-        """Write a line to the record of the batch."""
+        """Write a line of the kind `kind` to the record of the batch, if batches are recorded."""
         if self._writer is not None:
             self._writer.write(kind, values)
 
     def use(self, product: Product | None) -> None:
-        """Set the product for which the following items are counted."""
+        """Set the product for which the following items are counted, and write it to the record.
+
+        If `product` is None, the items are counted without a product.
+        """
         self.production.product = product
         if product is not None:
             self.write('product', {'name': product.name, **plain(product)})
 
     def control_filler(self, product: Product) -> None:
-        """Begin the feedback to the filler for a product.
+        """Begin the feedback to the filler for a product, or end it if the recipe has no filler.
 
         The feedback continues with the last correction of this product, if it is known.
         """
@@ -234,7 +245,7 @@ class LineBatches:
         return found
 
     def reset(self) -> None:
-        """Reset the counts of the product in this batch."""
+        """Reset the counts of the present product in the present batch."""
         self.production.reset()
         self.write('reset', {'time': self._clock()})
 
@@ -278,7 +289,10 @@ class LineBatches:
             self._writer.note()
 
     def states(self) -> Iterator[RecordState]:
-        """Yield each state of a record that must be written to the audit log."""
+        """Yield and remove each waiting record state that must be written to the audit log.
+
+        If a state says that its record is broken, `broken` is set.
+        """
         while self._writer is not None and not self._writer.states.empty():
             state = self._writer.states.get()
             if state.broken:
@@ -286,16 +300,16 @@ class LineBatches:
             yield state
 
     def record_of(self, batch: str) -> Path:
-        """Return the path of the record of a batch."""
+        """Return the absolute path of the record of a batch."""
         return record_path(self._folder, batch).resolve()
 
     def close(self) -> None:
-        """Close the record."""
+        """Close the record of the present batch without an end, so that a restart continues it."""
         if self._writer is not None:
             self._writer.close()
 
     def finding(self) -> Finding:
-        """Return the finding "Batch record" of the diagnostics."""
+        """Return the diagnostics finding "Batch record", with the faults of all batch records."""
         if self._writer is None:
             return conclude('Batch record', 'none: batches are not recorded', ())
         full = 'make room, or see to the disk: verdicts wait in memory'

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Audit log of a line: changes that its nodes are about to make, and changed parameters."""
+"""Audit log of a line: requested changes of its nodes, and parameters read from its nodes."""
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -25,7 +25,7 @@ from checkweigher_production.audit_trail import CLAIMED, AuditTrail, Author, Aut
 from checkweigher_production.batch_record import RecordState, has_ended
 
 _LONGEST_NAME = 64  # largest number of characters in the name of a person
-_CALL_PATIENCE = 150.0  # longest time in s from the announcement of a service call to its end
+_CALL_PATIENCE = 150.0  # time in s after which the announcement of a service call expires
 
 
 class LineAudit:
@@ -63,7 +63,7 @@ class LineAudit:
         self.trail.saw(changes.SOFTWARE, 'line', known, legal_software().value)
         last = log.entries[-1].time if log is not None and log.entries else ''
         if last > (now := clock()):
-            # The clock was set back after the last entry of the log was written.
+            # The last entry has a later time than now, so record that the clock was set back.
             self.trail.saw(changes.CLOCK, 'start', last, now)
         # Subject, node and service of each kind of change that a node makes on request.
         self._asked = {
@@ -76,18 +76,23 @@ class LineAudit:
     def awaits(self, nodes: set[str]) -> bool:
         """Return whether parameters of one of `nodes` must still be read and written to the log.
 
-        Until then, no parameter of `nodes` may be set.
+        While the result is True, no parameter of `nodes` may be set. Without a log, it is False.
         """
         return self._log is not None and not self._unread.isdisjoint(nodes)
 
     def add_started(self, nodes: set[str]) -> None:
-        """Register started nodes, whose parameters must be read."""
+        """Register started nodes, whose parameters must be read.
+
+        Names that are not in `NODES` are ignored.
+        """
         self._unread |= nodes.intersection(ports.NODES)
 
     def announce(self, changes: Mapping[str, Values], by: Author) -> None:
-        """Write the parameters that are about to be set, by node.
+        """Write the parameters that are about to be set to the audit log.
 
-        If `AuditError` is raised, the caller must not set the parameters.
+        `changes` contains the new values by node and parameter name. Raises `AuditError` if a node
+        is not one of the line or the log cannot be written; the caller must then not set the
+        parameters.
         """
         for node, values in changes.items():
             if node not in ports.NODES:
@@ -100,9 +105,11 @@ class LineAudit:
         return self._authors.of(service, f'{self._namespace}/{node}', time.monotonic())
 
     def on_change(self, request: Any, response: Any) -> str:
-        """Write the change that another node is about to make. This is the callback of a service.
+        """Write the change that another node, a command or the page is about to make.
 
-        Raises ValueError if the change cannot be written; the other node must then not make it.
+        This is the callback of the service `RECORD_CHANGE`. Returns an empty message. Raises
+        ValueError if the change cannot be written or is not possible on this line; the caller of
+        the service must then not make it.
         """
         try:
             self._write(request, json.loads(request.new_value))
@@ -127,7 +134,10 @@ class LineAudit:
             self._write_asked(kind, subject, value)
 
     def _may_request(self, kind: str, subject: str, value: Any) -> bool:
-        """Return whether a command or the page may request an entry."""
+        """Return whether a command or the page may request an entry with this kind and subject.
+
+        The subject is a batch with a record, or a name of at most `_LONGEST_NAME` characters.
+        """
         if kind == changes.SIGNATURE and isinstance(value, dict) and 'batch' in value:
             return self._has_record(subject)
         own = changes.SIGNATURE, changes.VERIFICATION, changes.TARE
@@ -144,7 +154,11 @@ class LineAudit:
             self.trail.note(kind, subject, None, value, by)
 
     def _write_person(self, name: str, request: Any, value: Any) -> None:
-        """Register the services that a person is about to call, or write the action of a person."""
+        """Register the services that a person is about to call, or write the action of a person.
+
+        `value` is None for an announcement of services, or a text that states the action. Raises
+        `AuditError` if it is of another type, or if the action cannot be written.
+        """
         author = Author(name, one_line(request.reason))
         if value is None:
             self._authors.announce(author, list(request.subjects), time.monotonic())
@@ -154,7 +168,10 @@ class LineAudit:
             raise AuditError(f'{name}: the action of a person must be a text')
 
     async def read_started(self) -> None:
-        """Write pending entries, and the parameters of started and changed nodes."""
+        """Write pending entries, and the parameters of started and changed nodes.
+
+        A node that does not answer is read at the next call.
+        """
         with suppress(AuditError):  # the diagnostics show this fault
             self.trail.catch_up()
         for node in ports.NODES:
@@ -185,7 +202,7 @@ class LineAudit:
         self.trail.saw_state(changes.ZERO, ports.ZERO_SETTING.name, asdict(change), by)
 
     def watch_clock(self, reference: str) -> None:
-        """Write steps of the clock, and changes of its reference.
+        """Write a step of the clock since the last call, and a change of its reference.
 
         `reference` is a text on the time reference of the clock, empty if it is not known yet.
         """
@@ -217,7 +234,7 @@ class LineAudit:
             self.trail.saw_state(changes.RECORD, state.batch, state.value)
 
     def finding(self) -> Finding:
-        """Return the finding "Audit log" of the diagnostics."""
+        """Return the diagnostics finding "Audit log", an error if changes cannot be written."""
         if self._log is None:
             return conclude('Audit log', 'none: changes are not written down', ())
         values: dict[str, float | str] = {

@@ -57,7 +57,8 @@ class LineRecipe:
         # Values of the parameters before any recipe, by node. A parameter gets this value again
         # when a product is selected whose recipe does not set the parameter.
         self._base: dict[str, Values] = {}
-        self._set: dict[str, Values] = {}  # values for the selected product
+        self._set: dict[str, Values] = {}  # values for the selected product, by node
+        # Nodes that were started after the parameters of the product were last set in them.
         self._restarted: set[str] = set()
 
     @property
@@ -93,7 +94,11 @@ class LineRecipe:
             self._taken.set_result(product)
 
     def update(self) -> None:
-        """Publish the present counts of the batch, from which a restarted reject node continues."""
+        """Publish the product on the line again, with the present counts of its batch.
+
+        A restarted reject node continues from these counts. Without a product on the line, nothing
+        is published.
+        """
         if self.on_line.product:
             self.publish(self._counted(self.on_line))
 
@@ -105,10 +110,13 @@ class LineRecipe:
     ) -> None:
         """Set the parameters of a product, and put the product on the line.
 
-        If a node refuses a parameter, the previous parameters of all nodes are restored, and
-        `RefusedError` is raised, or `HalfSetError` if they cannot be restored. `selected` contains
-        the limits of the product. Before any parameter is set, `announce` is called with the new
-        parameters by node. If `announce` raises an exception, no parameter is set.
+        `selected` contains the limits of the product. Before any parameter is set, `announce` is
+        called with the new parameters by node. If `announce` raises an exception, no parameter is
+        set.
+
+        Raises `RefusedError` if the product is too slow for the segmenter, or if a node is
+        missing, does not answer or refuses a parameter. The previous parameters of all nodes are
+        then restored. Raises `HalfSetError`, a kind of `RefusedError`, if they cannot be restored.
         """
         restarted = set(self._restarted)
         await self._check_speed(product)
@@ -132,7 +140,10 @@ class LineRecipe:
         self._restarted -= restarted
 
     async def _check_speed(self, product: Product) -> None:
-        """Raise `RefusedError` if the product is too slow for the segmenter."""
+        """Check that the largest belt speed of a product is at least that of the segmenter.
+
+        Raises `RefusedError` if it is below `min_belt_speed`, or if the segmenter does not answer.
+        """
         slowest: Any = await self.line.get('segmenter', ['min_belt_speed'])
         if product.speed[1] < slowest['min_belt_speed']:
             raise RefusedError(
@@ -141,7 +152,10 @@ class LineRecipe:
             )
 
     async def _base_of(self, changes: Mapping[str, Values]) -> dict[str, Values]:
-        """Return the original value of each parameter that a recipe has changed or is to change."""
+        """Return the original value of each parameter that a recipe has changed or is to change.
+
+        Raises `RefusedError` if a node is missing, does not answer or has no such parameter.
+        """
         base = {node: dict(values) for node, values in self._base.items()}
         for node, values in changes.items():
             if not self.line.ready(node):
@@ -171,10 +185,12 @@ class LineRecipe:
     async def _change(
         self, values: dict[str, Values], product: ProductOnLine, otherwise: ProductOnLine | None
     ) -> None:
-        """Set parameters while no product is on the line, and then put a product on the line.
+        """Set parameters while no product is on the line, and then put `product` on the line.
 
-        If this fails and the nodes still have their previous parameters, the product `otherwise` is
-        put on the line. If this fails after parameters were changed, no product is on the line.
+        Without `values`, the previous product stays on the line until then. Raises `RefusedError`
+        if a node refuses a parameter or does not answer. If the nodes then still have their
+        previous parameters, `otherwise` is put on the line. If parameters were changed, no product
+        is on the line.
         """
         try:
             if values:

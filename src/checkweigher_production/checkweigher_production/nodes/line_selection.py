@@ -30,7 +30,7 @@ _COUNTED = ('product', 'batch', 'items', 'accepted', 'under', 'over', 'faults', 
 def find(file: str, name: str) -> tuple[dict[str, Product], Product]:
     """Return all products of a recipe file, and the product `name`.
 
-    Raises `SettingsError` if the file is not valid or has no such product.
+    Raises `SettingsError` if `file` is empty, or if the file is not valid or has no such product.
     """
     if not file:
         raise SettingsError('product.recipes: empty, must name a recipe file')
@@ -45,8 +45,8 @@ class LineSelection:
     """Selection of product and batch.
 
     Each change is written to the audit log before it is made. `file` is the path of the recipe
-    file. `first` is the name of the product that is selected at a start without a stored selection.
-    Either may be empty. `warn` logs a warning.
+    file, or empty if the line has no recipes. `first` is the name of the product that is selected
+    at a start without a stored selection, or empty if none is selected then. `warn` logs a warning.
     """
 
     file: str
@@ -70,9 +70,9 @@ class LineSelection:
         if changed parameters cannot be restored, or if the reject node does not confirm the product
         after parameters were changed.
 
-        Raises `SettingsError` if there is no such product or no batch is in progress, `AuditError`
-        if the audit log cannot be written, and `RefusedError` if a node refuses a parameter or does
-        not answer.
+        Raises `SettingsError` if the recipe file is not valid or has no such product, or if no
+        batch is in progress, `AuditError` if the audit log cannot be written, and `RefusedError` if
+        a node refuses a parameter or does not answer.
         """
         products, product = find(self.file, name)
         if self.batches.doubt:
@@ -104,7 +104,8 @@ class LineSelection:
 
     def taken(self, product: ProductOnLine) -> None:
         """Update the selection after the reject node has confirmed that it uses a product."""
-        if self.batches.doubt:  # no item is accepted without a batch
+        if self.batches.doubt:
+            # Use no product, because no item may be accepted while no batch is in progress.
             product = replace(product, product='')
         recipe, limits = self._resumed
         if recipe is not None and self.recipe.in_use is None:
@@ -117,9 +118,11 @@ class LineSelection:
     async def select_at_start(self) -> bool:
         """Select the product of the stored selection, or `first` without a stored selection.
 
-        Return whether a product is selected by this call.
+        If only this node was restarted, the product on the line remains selected. Returns whether
+        this call has completed the selection at the start, and with a product.
 
-        The method must be called repeatedly, because it has no effect while nodes are missing.
+        The method must be called repeatedly, because it has no effect while nodes are missing or
+        their parameters have not been read.
         """
         if self._begun or self.batches.doubt:
             return False
@@ -143,7 +146,10 @@ class LineSelection:
         return bool(name)
 
     async def _begin(self, name: str) -> None:
-        """Restore the product of the last run with its limits, or select the product `name`."""
+        """Restore the product of the last run with its limits, or select the product `name`.
+
+        Nothing is selected if `name` is empty, or if a person has already selected a product.
+        """
         resumed, limits = self._resumed
         if resumed is not None and limits is not None and resumed.name == name:
             known = self.recipe.on_line if self.recipe.on_line.product else limits
@@ -154,7 +160,10 @@ class LineSelection:
             await self.select(name, Author())
 
     async def restore(self) -> None:
-        """Set the parameters of the product in the nodes that have been restarted."""
+        """Set the parameters of the product in the nodes that have been restarted.
+
+        If a node refuses them, a warning is logged, and the next call tries again.
+        """
         lost = self.recipe.lost
         if not lost or self.audit.awaits(lost):
             return
@@ -169,7 +178,9 @@ class LineSelection:
     async def begin_batch(self, name: str, by: Author) -> Statistics:
         """Begin a batch, end the previous batch, and return the statistics of the previous batch.
 
-        If an exception is raised, the previous batch continues.
+        Raises `RecordError` if the name is empty or was used before, or if a record to be continued
+        is not valid, `AuditError` if the audit log cannot be written, and `RefusedError` if the
+        reject node does not confirm the batch. The previous batch then continues.
         """
         continues = bool(self.batches.doubt) and self.batches.has_record(name)
         is_known = self.audit.trail.last(changes.RECORD, name) is not None and not continues
@@ -194,7 +205,10 @@ class LineSelection:
         return ended.summary(before)
 
     async def reset_counts(self, by: Author) -> Statistics:
-        """Reset the counts of the product in this batch, and return the statistics so far."""
+        """Reset the counts of the present product and batch, and return the statistics so far.
+
+        Raises `AuditError` if the audit log cannot be written. The counts are then unchanged.
+        """
         finished = self._end_count(changes.RESET, None, by)
         self.batches.reset()
         return finished
@@ -206,7 +220,10 @@ class LineSelection:
         return finished
 
     def ended_batches(self) -> Iterator[BatchResult]:
-        """Write the states of records to the audit log, and yield the results of ended batches."""
+        """Write the states of records to the audit log, and yield the results of ended batches.
+
+        A batch whose report is in the audit log is left out. The stamp of a result is 0.
+        """
         for state in self.batches.states():
             self.audit.write_state(state)
             if state.event == ENDED and self.audit.trail.last(changes.REPORT, state.batch) is None:
@@ -226,7 +243,7 @@ class LineSelection:
         )
 
     def finding(self) -> Finding:
-        """Return the finding "Recipe" of the diagnostics."""
+        """Return the diagnostics finding "Recipe", with the product, the batch and the file."""
         production = self.batches.production
         product = production.product
         unresolved = product.unresolved(production.std_dev) if product else ''
@@ -262,7 +279,7 @@ def _grams(product: ProductOnLine) -> str:
 
 
 def _audited(product: ProductOnLine | None) -> dict[str, object] | None:
-    """Return a product and its limits as the value of an audit log entry."""
+    """Return a product and its limits as the value of an audit log entry (None for None)."""
     if product is None:
         return None
     return {'product': product.product, 'batch': product.batch, **limits_of(product)}

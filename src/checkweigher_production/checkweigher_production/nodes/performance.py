@@ -42,7 +42,7 @@ class LineTest:
         self._rejecting = False  # whether the reject node was set to reject all items
 
     def select(self, product: Product, batch: str) -> None:
-        """Cancel the present test, and begin to observe the due times of a product and a batch."""
+        """Cancel a running test, and begin to observe the due times of a product and a batch."""
         if (entry := self.trail.last(changes.TEST, product.name)) is not None:
             self._tests.remember(product.name, from_entry(entry))
         self._tests.select(product.name, batch, product.test, self.clock())
@@ -51,7 +51,9 @@ class LineTest:
     async def begin(self, by: Author) -> str:
         """Begin a test, and return an instruction for the person who makes it.
 
-        Raises `ValueError` or `RefusedError` if the test cannot begin.
+        Raises ValueError if `by` names no person, if the recipe requires no test, or if a test is
+        running already, `AuditError` if the audit log cannot be written, and `RefusedError` if the
+        reject node does not confirm that it rejects all items.
         """
         who = by.who.strip()
         if not who:
@@ -66,7 +68,10 @@ class LineTest:
         return f'let the test product of {GRAMS * plan.mass:g} g pass {plan.passes} times'
 
     async def cancel(self, by: Author) -> str:
-        """Cancel the present test, and return a message for the person."""
+        """Cancel a running test, and return a message for the person.
+
+        Raises `AuditError` if the audit log cannot be written. The test then continues.
+        """
         if not self._tests.wanted:
             return 'no performance test was under way'
         self.trail.note(changes.TEST_BEGUN, self._tests.state.product, True, False, by)
@@ -75,7 +80,10 @@ class LineTest:
         return 'the performance test was broken off'
 
     def take(self, verdict: Verdict) -> None:
-        """Add a verdict as a pass of the test product if a test is running."""
+        """Add a verdict as a pass of the test product if a test is running.
+
+        If the pass completes the test, its result is written to the audit log.
+        """
         before, plan = self._tests.state, self._tests.plan
         ended = self._tests.take(verdict, self.clock())
         if ended is not None and plan is not None:
@@ -86,7 +94,10 @@ class LineTest:
             self.publish(self._tests.state)
 
     async def advance(self) -> None:
-        """Update the state, and set the reject node to accept items again after a test."""
+        """Update the state, and set the reject node to accept items again after a test.
+
+        Raises `RefusedError` if the reject node does not confirm it. The next call tries again.
+        """
         if self._tests.advance(self.clock()):
             self.publish(self._tests.state)
         if self._rejecting and not self._tests.wanted:
@@ -94,7 +105,7 @@ class LineTest:
             self._rejecting = False
 
     def finding(self) -> Finding:
-        """Return the finding "Performance test" of the diagnostics."""
+        """Return the diagnostics finding "Performance test", with the state and the last errors."""
         state = self._tests.state
         well = {
             PerformanceState.NOT_ASKED: 'the recipe asks for none',

@@ -34,7 +34,7 @@ from checkweigher_production.nodes.line_selection import LineSelection, find
 from checkweigher_production.nodes.performance import LineTest
 
 _PATIENCE = 2.0  # longest wait in s for an answer of another node
-_POLL_PERIOD = 0.5  # period in s of the timers
+_POLL_PERIOD = 0.5  # period in s of the timers below, except that of _NOTE_PERIOD
 _NOTE_PERIOD = 3600.0  # time in s between two entries of the record in the audit log
 
 
@@ -96,7 +96,8 @@ class ProductNode(StageNode[ProductParameters]):
         self._statistics = self.output(ports.STATISTICS)
         self._feedback = self.output(ports.FILLER_FEEDBACK)
         self._results = self.output(ports.BATCH_RESULT)
-        # With records, this node also needs the verdicts that were published during its restart.
+        # If batches are recorded, use the latched QoS of the verdicts, because the verdicts that
+        # are published while this node restarts must be recorded as well.
         latched = ports.VERDICT.qos if known.batch_folder else None
         self.subscribe(ports.VERDICT, self._on_verdict, qos=latched)
         self.subscribe(ports.MASS_ESTIMATE, self._on_estimate)
@@ -112,7 +113,7 @@ class ProductNode(StageNode[ProductParameters]):
     def _opened_log(self) -> AuditLog | None:
         """Open the audit log and return it, or return None if no log is wanted.
 
-        `destroy_node` closes the log.
+        `destroy_node` closes the log. Raises `AuditError` if the log cannot be used.
         """
         if not self.parameters.audit_log:
             if self.parameters.recipes:
@@ -124,7 +125,8 @@ class ProductNode(StageNode[ProductParameters]):
 
     def _serve(self) -> None:
         """Create the services, and the timer of the recipes."""
-        # The callbacks must not run at the same time, because each of them awaits other nodes.
+        # The callbacks are in one group, because otherwise a second one could begin while the first
+        # one awaits other nodes.
         group = MutuallyExclusiveCallbackGroup()
         for kind, name, callback in (
             (SelectProduct, ports.SELECT_PRODUCT, self._on_select),
