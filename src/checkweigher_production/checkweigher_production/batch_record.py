@@ -96,18 +96,18 @@ def _ends(path: Path) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class RecordState:
-    """State of a record, for the audit log."""
+    """State of a batch record that is written to the audit log."""
 
     batch: str
     event: str  # BEGUN, CONTINUED, WRITTEN, STOPPED or ENDED
     sha256: str  # SHA-256 of the file, hexadecimal
     size: int = -1  # length of the file in bytes, -1 if unknown
     broken: str = ''  # reason why the record is broken, or empty
-    time: str = ''  # time of the entry in the audit log, ISO 8601
+    time: str = ''  # time of the entry in the audit log, ISO 8601, or empty if not written yet
 
     @property
     def value(self) -> dict[str, str | int]:
-        """Value of the entry in the audit log."""
+        """Value of the entry in the audit log. Empty fields are left out."""
         names = 'event', 'size', 'sha256', 'broken'
         return {name: getattr(self, name) for name in names if getattr(self, name)}
 
@@ -135,7 +135,7 @@ def states_in(entries: Sequence[Entry], batch: str) -> list[RecordState]:
 
 
 def fault_of(data: bytes, states: Sequence[RecordState]) -> str:
-    """Return the reason why a record is broken, or an empty string.
+    """Return the reason why a record is broken, or an empty string if it is not broken.
 
     `data` is the content of the file. `states` contains the states of the record in the audit log.
     """
@@ -175,10 +175,11 @@ def _contradicted(data: bytes, states: Sequence[RecordState]) -> str:
 
 
 def read_lines(path: Path) -> Iterator[dict[str, Any]]:
-    """Yield the lines of a record. An incomplete last line, as after a power loss, is ignored.
+    """Yield the values of each line of a record, without its hash or checksum.
 
-    Raises `RecordError` if the file cannot be read or a line is not valid. The hashes are not
-    checked, so that a broken record is still readable.
+    An incomplete last line, as after a power loss, is ignored. Raises `RecordError` if the file
+    cannot be read, or if a line is not valid or has a wrong checksum. The hashes are not checked,
+    so that a broken record is still readable.
     """
     try:
         with path.open('rb') as file:
@@ -203,7 +204,7 @@ def read_lines(path: Path) -> Iterator[dict[str, Any]]:
 
 
 def read_events(path: Path) -> Iterator[tuple[str, Any]]:
-    """Yield kind and content of each line.
+    """Yield the kind and the content of each line of a record.
 
     The content is a `Product`, `Verdict` or `FillerFeedback`, or a dict for all other kinds. Raises
     `RecordError` as `read_lines` does, or if a value is not valid.
@@ -260,10 +261,11 @@ _EVENTS: dict[str, Callable[[Mapping[str, Any]], Any]] = {
 
 
 class RecordWriter:
-    """Writer of the records of successive batches.
+    """Writer of the records of successive batches in the folder `folder`.
 
+    A thread writes to the disk, in the order of the calls. Only `settle` and `close` wait for it.
     `states` is a queue of states for the audit log. `trouble` is the reason why lines cannot be
-    written at present, or empty.
+    written at present, or empty. Raises `RecordError` if the folder cannot be created.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -271,7 +273,7 @@ class RecordWriter:
         self.trouble = ''
         self._folder = folder
         self._closing, self._lost = threading.Event(), False
-        # Only the thread of the executor uses the open file and its size and hash.
+        # Only the thread of the executor uses the following attributes, so they need no lock.
         self._file: int | None = None
         self._batch, self._path = '', folder
         self._size, self._hash = 0, hashlib.sha256()
@@ -284,8 +286,9 @@ class RecordWriter:
     def begin(self, batch: str, time: str, **others: object) -> None:
         """Begin the record of a batch, and end the record of the previous batch.
 
-        `time` is written to both records, and `others` to the first line of the new record. Raises
-        `RecordError` if the name of the batch is too long.
+        `time` is written to both records, and `others` to the first line of the new record. If the
+        batch has a record already, it is continued unless it has ended. Raises `RecordError` if
+        the name of the batch is too long.
         """
         line = line_of('begin', {'time': time, 'batch': batch, **others})
         # The new record is created before the old one ends, so that a batch is always in progress.
@@ -302,16 +305,19 @@ class RecordWriter:
         self._submit(self._open, batch, CONTINUED, time, states)
 
     def write(self, kind: str, values: object) -> None:
-        """Append a line with a verdict, a stop request, feedback to the filler, or a mapping."""
+        """Append a line with a verdict, a stop request, feedback to the filler, or a mapping.
+
+        `kind` is the kind of the line. If no record is open, the line is ignored.
+        """
         self._submit(self._append, line_of(kind, values))
 
     def settle(self, patience: float) -> None:
-        """Wait until all earlier steps are done, but at most `patience` s if the disk is full."""
+        """Wait until everything requested so far is written, but at most `patience` s."""
         with suppress(TimeoutError):
             self._executor.submit(int).result(patience)
 
     def note(self) -> None:
-        """Add the present state of the record to `states`.
+        """Add the present state of the record to `states`, if a record is open.
 
         The audit log then protects the lines so far, even if the record is never closed because
         power is lost.
@@ -319,7 +325,7 @@ class RecordWriter:
         self._submit(self._note)
 
     def end(self, time: str) -> None:
-        """Write the last line of the record, and close the record."""
+        """Write the last line of the record, which contains `time`, and close the record."""
         self.write('end', {'time': time})
         self._submit(self._release, ENDED)
 
@@ -333,7 +339,10 @@ class RecordWriter:
         self._executor.submit(self._persist, step, *arguments)
 
     def _persist(self, step: Callable[..., object], *arguments: object) -> None:
-        """Repeat a step that writes to the disk until it succeeds or the writer is closed."""
+        """Repeat a step that writes to the disk until it succeeds or the writer is closed.
+
+        An OSError of the step is stored in `trouble`.
+        """
         while not self._lost:
             try:
                 step(*arguments)
@@ -349,9 +358,11 @@ class RecordWriter:
             replace_file(path, [_with_hash(line, hashlib.sha256())])
 
     def _open(self, batch: str, event: str, time: str, states: Sequence[RecordState] = ()) -> None:
-        """Open the record of a batch, and remove an incomplete last line.
+        """Open the record of a batch, and add its state to the attribute `states`.
 
-        A record that has ended is not opened; only its state is added to `states`.
+        An incomplete last line is removed. If the record contradicts its `states` in the audit log
+        or is broken otherwise, a line of the kind 'broken' is added, unless there is one already. A
+        record that has ended is not opened.
         """
         self._batch, self._path = batch, record_path(self._folder, batch)
         data = self._path.read_bytes()
@@ -368,7 +379,10 @@ class RecordWriter:
         self._tell(event, broken)
 
     def _append(self, line: bytes) -> None:
-        """Append a line with its hash. If that fails, the file is unchanged."""
+        """Append a line with its hash, and sync the file. If no file is open, do nothing.
+
+        Raises OSError if the line cannot be written. The file is then unchanged.
+        """
         if self._file is None:
             return
         line = _with_hash(line, self._hash)
@@ -398,7 +412,10 @@ class RecordWriter:
 
 
 def line_of(kind: str, values: object) -> bytes:
-    """Return the line for a dataclass instance or a mapping, without its hash and its end."""
+    """Return the JSON line for a dataclass instance or a mapping, without hash and closing brace.
+
+    The hash and the closing brace are added when the line is written to the file.
+    """
     given: Any = asdict(values) if is_dataclass(values) else values  # type: ignore[arg-type]
     line = {'kind': kind} | {n: v.name if isinstance(v, Decision) else v for n, v in given.items()}
     return _compact(line)[:-1]
@@ -407,7 +424,7 @@ def line_of(kind: str, values: object) -> bytes:
 def _with_hash(line: bytes, before: 'hashlib._Hash') -> bytes:
     """Return a line with the hash of the file up to this hash, and with the end of the line.
 
-    `before` is the hash of the earlier lines.
+    `before` is the hash object of all earlier lines of the file. It is not changed.
     """
     digest = before.copy()
     digest.update(line)

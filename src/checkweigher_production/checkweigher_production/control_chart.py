@@ -26,16 +26,16 @@ _RUN = 7
 class ControlChart:
     """Means and standard deviations of subgroups, with centre lines and limits, in kg."""
 
-    means: NDArray[np.float64]  # (groups,)
-    std_devs: NDArray[np.float64]  # (groups,)
-    centre: float
-    lower: float
-    upper: float
+    means: NDArray[np.float64]  # shape (number of subgroups,)
+    std_devs: NDArray[np.float64]  # shape (number of subgroups,)
+    centre: float  # centre line of the means
+    lower: float  # lower limit of the means
+    upper: float  # upper limit of the means
     # Centre line of the standard deviations.
     spread: float
     # Upper limit of the standard deviations.
     spread_upper: float
-    # Rule that each mean violates, or '' if there is none or if the mean before violates it too.
+    # Rule that each mean violates, or '' if it violates none or the same rule as the mean before.
     marks: tuple[str, ...]
 
 
@@ -48,9 +48,9 @@ def control_chart(
     ignored. Returns None if `masses` or `reference` contains fewer than two subgroups. The masses
     of the `reference` period, by default all masses, set the limits, so that the limits do not
     follow a process that drifts. The limits of the means are three standard deviations of a
-    subgroup mean below and above their centre line. The upper limit of the standard deviations of
-    the subgroups is three of their own standard deviations above their centre line. Both kinds of
-    standard deviations are estimated from the mean of the standard deviations of the subgroups (A3
+    subgroup mean below and above their centre line. The upper limit of the subgroup standard
+    deviations is three standard deviations of such a subgroup standard deviation above their
+    centre line. Both are estimated from the mean of the subgroup standard deviations (factors A3
     and B4 of ISO 7870-2, table 2).
 
     Examples
@@ -66,7 +66,7 @@ def control_chart(
     means, std_devs = groups.mean(axis=1), groups.std(axis=1, ddof=1)
     centre = float(of_reference.mean())
     spread = float(of_reference.std(axis=1, ddof=1).mean())
-    # Expected standard deviation of SUBGROUP values from the standard normal distribution.
+    # Expected sample standard deviation of SUBGROUP values from the standard normal distribution.
     c4 = math.sqrt(2 / (SUBGROUP - 1)) * math.gamma(SUBGROUP / 2) / math.gamma((SUBGROUP - 1) / 2)
     reach = 3 * spread / c4 / math.sqrt(SUBGROUP)
     lower, upper = centre - reach, centre + reach

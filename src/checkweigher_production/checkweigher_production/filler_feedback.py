@@ -63,9 +63,9 @@ class FillerParameters(Parameters):
 class FillerController:
     """Controller of one filler for one product.
 
-    `nominal` is the nominal quantity and `tare` the mass of the packaging, both in kg. `correction`
-    is the sum of all changes of the set point in kg; its initial value is limited to the allowed
-    range.
+    `product` is the name of the product, `nominal` is the nominal quantity, and `tare` is the mass
+    of the packaging, both in kg. `correction` is the sum of all changes of the set point in kg. Its
+    initial value is limited to -`max_correction`..`max_correction` of the parameters.
     """
 
     def __init__(
@@ -88,8 +88,8 @@ class FillerController:
     def add(self, verdict: Verdict) -> FillerFeedback | None:
         """Add an item. Return feedback if the item completes a subgroup, otherwise None.
 
-        Test products, items that were filled before the last step, and items without a valid mass
-        do not count for the subgroup.
+        An item of a performance test, an item with the decision FAULT, an item without a valid
+        mass, and each of the `delay` items after a step do not count for the subgroup.
         """
         if Reason.PERFORMANCE_TEST in verdict.reasons:
             return None  # the test product was not filled by the filler
@@ -120,7 +120,11 @@ class FillerController:
         )
 
     def _step(self, difference: float) -> tuple[float, bool]:
-        """Return the change of the set point in kg, and whether a limit has reduced it."""
+        """Return the change of the set point in kg, and whether a limit has reduced it.
+
+        `difference` is the target minus the median mass of the subgroup in kg. Within the dead
+        band, the change is 0.
+        """
         known = self._parameters
         if abs(difference) <= known.dead_band:
             return 0.0, False

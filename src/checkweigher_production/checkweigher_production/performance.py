@@ -81,8 +81,8 @@ class PerformancePlan(Parameters):
         """Return the time in ns at which the next test is due.
 
         If no test of the product has passed yet, a test is due at `began`. Returns None if no test
-        is due before the next batch. Shifts begin at local times of the computer, which may change
-        to summer time.
+        is due before the next batch. Shifts begin at local times of the computer, which take
+        account of summer time.
 
         Parameters
         ----------
@@ -117,14 +117,14 @@ class PerformancePlan(Parameters):
 class LastTest:
     """Last completed test of a product."""
 
-    time: int  # ns
-    batch: str
-    who: str
-    passed: bool
-    errors: tuple[float, ...] = ()  # error of each pass in kg
+    time: int  # time in ns of the system clock at which the test was completed
+    batch: str  # name of the batch
+    who: str  # name of the person who made the test
+    passed: bool  # whether the error of each pass was within the limit
+    errors: tuple[float, ...] = ()  # error of each pass in kg, NaN for a pass without a valid mass
 
 
-_NEVER = LastTest(0, '', '', passed=True)  # value before the first test
+_NEVER = LastTest(0, '', '', passed=True)  # value before the first test, which is not a failure
 
 
 class PerformanceTests:
@@ -147,11 +147,18 @@ class PerformanceTests:
         return self.state.state is PerformanceState.RUNNING
 
     def remember(self, product: str, last: LastTest) -> None:
-        """Set the last test of a product from the audit log, unless a test is known already."""
+        """Set the last test of a product from the audit log, unless a test is known already.
+
+        If this test has failed, no earlier test is known to have passed.
+        """
         self._known.setdefault(product, (last, last if last.passed else None))
 
     def select(self, product: str, batch: str, plan: PerformancePlan | None, now: int) -> None:
-        """Cancel the present test, and continue with another product, batch or plan."""
+        """Cancel a running test, and continue with a product, a batch and a plan.
+
+        If one of these differs from before, `now` is the time from which the first test of the
+        product, or of the batch, is due.
+        """
         if (product, batch, plan) != (self.state.product, self.state.batch, self.plan):
             self._began = now
         self.plan = plan
@@ -167,7 +174,7 @@ class PerformanceTests:
         return self.plan
 
     def begin(self, who: str, now: int) -> None:
-        """Begin a test. The caller must have called `plan_to_begin`."""
+        """Begin a test by the person `who`. The caller must have called `plan_to_begin`."""
         self.state = replace(
             self.state, stamp=now, state=PerformanceState.RUNNING, who=who, errors=(), text=''
         )
@@ -200,7 +207,10 @@ class PerformanceTests:
         return ended
 
     def advance(self, now: int) -> bool:
-        """Update the state to the time `now` in ns; return whether the state has changed."""
+        """Update the state to the time `now` in ns; return whether the state has changed.
+
+        The state does not change while a test is running, or without a plan.
+        """
         before = self.state
         if self.plan is not None and not self.wanted:
             self.state = self._judge(self.plan, now)
@@ -262,11 +272,17 @@ def _why_failed(plan: PerformancePlan, last: LastTest) -> str:
 
 
 def as_entry(plan: PerformancePlan, ended: LastTest, reason: str) -> dict[str, Any]:
-    """Return the content of the audit log entry of a completed test."""
+    """Return the content of the audit log entry of a completed test.
+
+    `reason` is the reason that the person gave for the test.
+    """
     return asdict(ended) | {'reason': reason, 'mass': plan.mass, 'limit': plan.limit}
 
 
 def from_entry(values: dict[str, Any]) -> LastTest:
-    """Return the test in the content of an audit log entry."""
+    """Return the test that the content of an audit log entry describes.
+
+    Raises KeyError if a value of the test is missing.
+    """
     own = {each.name: values[each.name] for each in fields(LastTest)}
     return LastTest(**own | {'errors': tuple(map(float, values['errors']))})

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from checkweigher_core.records import GRAMS
 from checkweigher_dsp.rejection.batch_rules import ROUNDING
 
-MAX_SHARE_BELOW_TU1 = 0.025
+MAX_SHARE_BELOW_TU1 = 0.025  # largest fraction of a batch that may be below TU1
 # Range of nominal quantities in kg for which the directive has limits.
 SMALLEST, LARGEST = 0.005, 10.0
 # Smallest number of empty packages from which a tare is determined, and ratio of tare to nominal
@@ -45,7 +45,7 @@ _ROWS = (
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Limits for one nominal quantity in kg."""
+    """Nominal quantity with its tolerable negative error, TU1 and TU2, all in kg."""
 
     nominal: float
     tolerable_negative_error: float
@@ -61,7 +61,7 @@ class BatchJudgement:
     count: int
     mean: float  # kg
     below_tu1: int  # number below TU1, which includes those below TU2
-    below_tu2: int
+    below_tu2: int  # number below TU2
     mean_passed: bool
     tu1_passed: bool
     tu2_passed: bool
@@ -88,7 +88,8 @@ def tolerable_negative_error(nominal: float) -> float:
             'directive has limits'
         )
     _, share, constant = next(row for row in _ROWS if nominal <= row[0] * (1 + ROUNDING))
-    # Without the tolerance `ROUNDING`, 9 % of 10 g would be rounded up to 1.0 g.
+    # Without the tolerance `ROUNDING`, 9 % of 10 g would be rounded up from 0.9 g to 1.0 g, because
+    # of the rounding error of the product.
     tenths = math.ceil(share * nominal / _STEP * (1 - ROUNDING))
     return tenths * _STEP + constant
 
@@ -103,10 +104,10 @@ def limits(nominal: float) -> Limits:
 
 
 def batch_of(masses: Sequence[float], done: str = 'judged') -> NDArray[np.float64]:
-    """Return masses as an array.
+    """Return the masses of a batch as an array of shape (n,).
 
-    Raises `ValueError` if there are no masses, or if one is NaN or infinite. `done` is the verb of
-    the message for an empty batch.
+    Raises `ValueError` if there are no masses, or if one is NaN or infinite. `done` is the past
+    participle in the message for an empty batch, which states what cannot be done with it.
     """
     batch = np.array(masses, dtype=np.float64)
     if not len(batch):
@@ -117,10 +118,11 @@ def batch_of(masses: Sequence[float], done: str = 'judged') -> NDArray[np.float6
 
 
 def judge_batch(masses: Iterable[float], nominal: float) -> BatchJudgement:
-    """Check a batch against the three requirements.
+    """Check a batch against the three requirements of the directive.
 
-    `masses` contains the net mass of each prepackage in kg. Raises `ValueError` if the batch
-    is empty, a mass is not finite, or the directive has no limits for `nominal`.
+    `masses` contains the net mass of each prepackage in kg, and `nominal` is the nominal quantity
+    in kg. Raises `ValueError` if the batch is empty, a mass is not finite, or the directive has no
+    limits for `nominal`.
     """
     batch = batch_of(list(masses))
     its, slack = limits(nominal), ROUNDING * nominal
@@ -158,7 +160,7 @@ class TareControl:
 
     @property
     def std_dev(self) -> float:
-        """Standard deviation of the sample, NaN for one package."""
+        """Standard deviation of the sample, NaN for fewer than two packages."""
         return float(np.std(self.masses, ddof=1)) if len(self.masses) > 1 else math.nan
 
     @property

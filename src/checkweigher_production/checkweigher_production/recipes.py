@@ -61,7 +61,7 @@ NODES: dict[str, type[Parameters]] = {
     'reject': RejectParameters,
 }
 _OWN = (*LIMITS, 'needs_product')  # parameters of the reject node that a recipe must not set
-_LARGEST_MASS = 1e4  # kg
+_LARGEST_MASS = 1e4  # largest mass in a recipe, in kg
 _LARGEST_ERROR = 0.1  # largest limit of a performance test, relative to the mass
 
 Changes = dict[str, dict[str, object]]
@@ -185,7 +185,8 @@ class Product(NanEqual, Settings):
         """Return the lower limit in kg, which may be given in a recipe as TU1 or TU2.
 
         With a quota, the lower limit is TU2. Raises `SettingsError` if a quota is given together
-        with another lower limit, or if the directive has no limits for the nominal quantity.
+        with another lower limit, or if TU1 or TU2 is needed and the directive has no limits for the
+        nominal quantity.
         """
         given: float | str = self.lower_limit
         if math.isfinite(self.tu1_quota):
@@ -211,7 +212,11 @@ class Product(NanEqual, Settings):
         return self.tu1 if given == 'TU1' else self.tu2
 
     def limits(self) -> dict[str, object]:
-        """Return the limits of contents with packaging, by parameter name of the reject node."""
+        """Return the limits of the product by parameter name of the reject node.
+
+        The mass limits are those of contents with packaging, in kg. The limits of length are in m,
+        and those of speed in m/s. TU1 is 0 if the recipe has no quota.
+        """
         quota = math.isfinite(self.tu1_quota)
         return {
             'lower_limit': self.tare + self.lower_limit,
@@ -267,14 +272,18 @@ class RecipeFile(Settings):
 
 
 def read_recipes(path: Path) -> dict[str, Product]:
-    """Return the products of a recipe file by name. Raises `SettingsError` if one is invalid."""
+    """Return the products of a recipe file by name.
+
+    Raises `SettingsError` if the file cannot be read or a recipe is not valid.
+    """
     return dict(read_settings(path, RecipeFile).products)
 
 
 def given_recipes(path: Path) -> dict[str, dict[str, Any]]:
     """Return the keys and values of each recipe in a recipe file, by product name.
 
-    Raises `SettingsError` if a recipe is not valid.
+    Values that a recipe leaves out are not added. Raises `SettingsError` if the file cannot be read
+    or a recipe is not valid.
     """
     return {name: dict(keys) for name, keys in _content(path)['products'].items()}
 
@@ -333,7 +342,8 @@ def product_of(values: Mapping[str, Any]) -> Product:
     return settings_of(Product, values, values.get('name'), newer=True)
 
 
-# These wide bounds detect masses that were given in g instead of kg.
+# The checks of the filler and of the test have wide bounds, which only detect masses that were
+# given in g instead of kg.
 def _check_filler(filler: FillerParameters, nominal: float) -> None:
     if filler.target and not _is_near(filler.target, nominal):
         raise SettingsError(

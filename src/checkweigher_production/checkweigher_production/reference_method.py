@@ -81,10 +81,10 @@ class ReferenceTest:
     plan: SamplingPlan
     batch_size: int
     seed: int
-    drawn: tuple[int, ...]  # positions of the drawn prepackages in the batch
+    drawn: tuple[int, ...]  # positions of the drawn prepackages in the batch, from 0
     samples: tuple[SampleResult, ...]
     below_tu2: int  # number of drawn prepackages below TU2
-    tu2_decides: bool  # whether the batch fails if one prepackage is below TU2
+    tu2_decides: bool  # whether the batch fails if at least one drawn prepackage is below TU2
     contents_passed: bool
     mean_count: int  # size of the sample for the mean
     mean: float
@@ -95,7 +95,7 @@ class ReferenceTest:
 
     @property
     def passed(self) -> bool:
-        """Whether the batch passes both checks."""
+        """Whether the batch passes the check of the contents and the check of the mean."""
         return self.contents_passed and self.mean_passed
 
 

@@ -40,7 +40,10 @@ class Selection(Settings):
     def of(
         cls, batch: str, before: str, product: Product | None, limits: ProductOnLine | None
     ) -> Self:
-        """Return a selection, which has no product if `product` or `limits` is None."""
+        """Return a selection of a batch and a product, with the limits in use.
+
+        It has no product if `product` or `limits` is None. `before` is the previous batch.
+        """
         if product is None or limits is None:
             return cls(batch=batch, before=before)
         products = {product.name: product}
@@ -48,7 +51,10 @@ class Selection(Settings):
 
     @classmethod
     def prepared(cls, content: Any) -> Any:
-        """Return the content of a file. Raises `SettingsError` if its SHA-256 is wrong."""
+        """Check the SHA-256 in the content of a file, and return the content unchanged.
+
+        Raises `SettingsError` if the content is not a mapping or its SHA-256 is wrong.
+        """
         if not isinstance(content, dict) or content.get('sha256') != _digest(content):
             raise SettingsError(f'was changed after it was written; {_ANEW}')
         return content
@@ -91,7 +97,10 @@ def write_selection(folder: Path, selection: Selection) -> None:
 
 
 def _has_later_selection(entries: Sequence[Entry], last: str) -> bool:
-    """Return whether an entry after the entry `last`, a hash, selects a product or a batch."""
+    """Return whether an entry after the entry with the hash `last` selects a product or a batch.
+
+    If no entry has this hash, all entries are checked.
+    """
     for entry in reversed(entries):
         if entry.hash == last:
             return False
