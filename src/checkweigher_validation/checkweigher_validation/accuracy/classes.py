@@ -103,8 +103,8 @@ class AccuracyClass:
     """
 
     name: str = 'XIII'  # one of CLASSES, or XIV for XIIII.
-    # Class factor x of category X, 1, 2 or 5 times 10^k. The class factor is below 1 for XI and
-    # XII, at most 1 for XIII, and above 1 and at most 2 for XIIII.
+    # Class factor x of category X, which is 1, 2 or 5 times 10^k, or 1 in category Y. The class
+    # factor is below 1 for XI and XII, at most 1 for XIII, and above 1 and at most 2 for XIIII.
     factor: float = 1.0
     interval: float = 0.1e-3  # verification scale interval e in kg
     in_service: bool = False  # True for the limits in service, False for initial verification
@@ -266,7 +266,7 @@ class Suitability:
 
     @property
     def suitable(self) -> bool:
-        """Whether a scale of the class may check such prepackages."""
+        """Whether a scale of the class may check such prepackages, False above its range."""
         return self.max_error <= self.allowed_error * _ON_BOUND
 
 
@@ -298,8 +298,8 @@ class Judgement:
     error_passed: bool  # whether the error is at most `max_error`; False if one of them is NaN.
     # Whether the standard deviation is at most `max_std_dev`. Always True in category Y.
     std_dev_passed: bool
-    weighings: int
-    weighings_required: int
+    weighings: int  # number of weighed passes
+    weighings_required: int  # number that a verification requires at this load
 
     @property
     def enough_weighings(self) -> bool:

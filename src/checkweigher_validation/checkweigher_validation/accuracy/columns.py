@@ -32,8 +32,8 @@ class Column:
 
     name: str
     kind: ColumnType
-    unit: str  # '1' for a number without a unit, empty for texts
-    value_of: Callable[[ItemResult], Any]
+    unit: str  # unit in the CSV file, '1' for a number without a unit, empty for texts
+    value_of: Callable[[ItemResult], Any]  # function that returns the value for an item
     digits: int = 6  # number of decimal places of a NUMBER in the CSV file
 
     def value(self, item: ItemResult) -> Any:

@@ -56,7 +56,7 @@ class ConditionResult:
 
     @property
     def ratio(self) -> float:
-        """Ratio of sigma to its Gauss-Markov bound, or NaN if sigma or the bound is unknown."""
+        """Ratio of sigma to its Gauss-Markov bound, NaN if one is unknown or the bound is 0."""
         return self.std_dev / self.bound if self.bound else math.nan
 
 
@@ -85,7 +85,7 @@ class Evaluation:
     No two conditions have the same estimator, speed, mass and part.
     """
 
-    title: str  # one line
+    title: str  # title of the evaluation, in one line
     conditions: tuple[ConditionResult, ...]
     provenance: tuple[tuple[str, str], ...]  # name and value of each input, such as bags and seed
     examples: tuple[Example, ...] = ()  # signals for figures

@@ -23,7 +23,7 @@ from checkweigher_validation.jobs import run_jobs
 class PassSet:
     """Passes of one nominal speed and one part, including passes that cannot be weighed."""
 
-    speed: float  # m/s
+    speed: float  # nominal belt speed in m/s
     part: str  # 'train' or 'test'
     passes: tuple[KnownPass, ...]
     # Gauss-Markov bounds of sigma in kg by mass in kg. Unknown bounds are absent.
@@ -37,7 +37,10 @@ def weigh_passes(passes: Iterable[KnownPass], parameters: LineParameters) -> lis
 
 
 def evaluate_set(known: PassSet, parameters: LineParameters) -> list[ConditionResult]:
-    """Return the results of the selected estimator at each mass of a set."""
+    """Return the results of the selected estimator at each mass of a set, by ascending mass.
+
+    A pass without a mass counts as a fault.
+    """
     masses = [each.mass for each in known.passes]
     pairs = list(zip(masses, weigh_passes(known.passes, parameters), strict=True))
     results = []
@@ -61,7 +64,7 @@ def evaluate_set(known: PassSet, parameters: LineParameters) -> list[ConditionRe
 def evaluate_sets(
     sets: Sequence[PassSet], estimators: Sequence[LineParameters], n_jobs: int | None = None
 ) -> tuple[ConditionResult, ...]:
-    """Return the results of estimators on sets, in the order of the estimators.
+    """Return the results of estimators on sets of passes, in the order of the estimators.
 
     `estimators` contains parameters that select different estimators. `n_jobs` is the number of
     processes as in `checkweigher_validation.jobs.run_jobs`.

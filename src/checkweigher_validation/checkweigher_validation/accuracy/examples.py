@@ -58,7 +58,11 @@ class Example:
 def simulated_examples(
     profile: str, speeds: Sequence[float], mass: float, parameters: LineParameters, seed: int
 ) -> tuple[Example, ...]:
-    """Return a simulated pass of a product of `mass` in kg at each of the `speeds` in m/s."""
+    """Return a simulated pass of a product of `mass` in kg at each of the `speeds` in m/s.
+
+    `profile` is the name of the simulated machine in `PROFILES`, and `seed` is the seed of the
+    simulation. `parameters` are those of the segmenter and of the denoising.
+    """
     segmenter = replace(parameters.segmenter, trail_time=_TRAIL)
     platform = Platform(PROFILES[profile].natural_frequency, DAMPING_RATIO, MOVING_MASS)
     line = SimulationParameters(profile=profile, masses=(mass,), count=_PRODUCTS, seed=seed)
@@ -110,7 +114,10 @@ def _denoised(window: WeighWindow, denoise: DenoiseParameters, method: str) -> N
 
 
 def _bands(signal: NDArray[np.float64]) -> tuple[tuple[str, NDArray[np.float64]], ...]:
-    """Return name and signal of each band of the wavelet transform. Their sum is the signal."""
+    """Return the name and the signal, (n,), of each band of the stationary wavelet transform.
+
+    The sum of the signals of all bands is `signal`, (n,).
+    """
     period = 2**LEVELS
     room = -len(signal) % period + 4 * period
     padded = np.pad(signal, (room // 2, room - room // 2), 'symmetric')

@@ -46,8 +46,8 @@ class FamilyRow:
     estimator: str
     cells: tuple[tuple[float, float], ...]  # mean and largest ratio at each speed, then overall
     coverages: tuple[float, ...]  # coverage of the intervals at each confidence level in LEVELS
-    faults: int  # number of passes without a mass
-    trained: float  # mean ratio on the training passes, NaN without training
+    faults: int  # number of test passes without a mass
+    trained: float  # mean ratio on the training passes, NaN without training passes
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +73,9 @@ def ratios(
 ) -> list[float]:
     """Return the ratio of A of an estimator to the attainable A for each machine.
 
-    If `speed` is None, there is a ratio for each machine and each speed.
+    Each A is the mean over the masses at the nominal belt speed `speed` in m/s. If `speed` is None,
+    there is a ratio for each machine and each speed. The ratio is NaN if the estimator has no
+    conditions in the part `part`, or if A is NaN at one of the masses.
     """
     found = []
     for one in machines:

@@ -21,8 +21,8 @@ from checkweigher_validation.accuracy.errors import Evaluation, overall_index, s
 class PaperResult:
     """Result of one estimator at one speed and mass in the table."""
 
-    std_dev: float  # kg
-    mean_error: float  # kg
+    std_dev: float  # standard deviation sigma of the errors in kg
+    mean_error: float  # mean error mu in kg
 
     @property
     def index(self) -> float:
@@ -30,8 +30,8 @@ class PaperResult:
         return overall_index(self.mean_error, self.std_dev)
 
 
-PAPER_SPEEDS = (0.5, 0.75, 1.0, 1.25, 1.5)  # m/s
-PAPER_MASSES = (0.0745, 0.1345, 0.1645, 0.1945, 0.2545)  # kg
+PAPER_SPEEDS = (0.5, 0.75, 1.0, 1.25, 1.5)  # belt speeds in the table, in m/s
+PAPER_MASSES = (0.0745, 0.1345, 0.1645, 0.1945, 0.2545)  # masses in the table, in kg
 PAPER_ESTIMATORS = ('tvlpf', 'aid', 'aeksi', 'iswd_eksi')
 
 # Values in kg by speed, estimator, mass, and statistic (sigma, mu).
@@ -61,7 +61,7 @@ def paper_index(estimator: str, speed: float | None = None) -> float:
 
 
 def has_paper_masses(evaluation: Evaluation) -> bool:
-    """Return whether the masses of an evaluation are those of the paper."""
+    """Return whether the masses of an evaluation are exactly those of the paper, in kg."""
     return _all_same(evaluation.masses, PAPER_MASSES)
 
 

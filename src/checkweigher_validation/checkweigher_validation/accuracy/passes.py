@@ -55,7 +55,7 @@ class KnownPass:
     """Weighing window of a pass, perhaps with faults, and true mass of the product."""
 
     window: WeighWindow
-    mass: float  # kg
+    mass: float  # true mass in kg
 
     @property
     def whole(self) -> bool:
@@ -65,7 +65,7 @@ class KnownPass:
 
 @dataclass(frozen=True, slots=True)
 class SpeedGroup:
-    """All passes of about the same belt speed."""
+    """All passes without faults of about the same belt speed."""
 
     speed: float  # mean of the smallest and the largest belt speed in m/s
     passes: tuple[KnownPass, ...]  # in order of entry

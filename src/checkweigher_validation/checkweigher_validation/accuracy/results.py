@@ -103,8 +103,8 @@ def weigh(
     If `progress` is True, a progress bar is shown on a terminal.
     """
     line = WeighingLine(recording.load_cell, parameters)
-    # Join the blocks, because long blocks take less time. The division into blocks does not affect
-    # the masses.
+    # Join the sample blocks, because a few long blocks are processed faster than many short ones.
+    # The division into blocks does not affect the masses.
     signal = join_recording(recording)
     events = with_progress(signal, 'weighing', len(signal), shown=progress)
     joiner = ResultJoiner(recording.edges, recording.references)

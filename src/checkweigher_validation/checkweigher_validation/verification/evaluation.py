@@ -4,14 +4,15 @@
 
 The rules are:
 
-- The mean error and the standard deviation of passes are limited. In category Y, the error of each
-  pass is limited instead. The module `checkweigher_validation.accuracy.classes` contains these
-  limits and their sources.
+- In category X, the mean error and the standard deviation of passes are limited. In category Y, the
+  error of each pass is limited instead. The module `checkweigher_validation.accuracy.classes`
+  contains these limits and their sources.
 - The error of a load at rest must be within the limit of the mean error of category X, which
   applies in both categories.
-- The first reading of the empty belt after zeroing must be within 0.25 e of the zero that was set.
-  Later readings must be within 0.5 e of that reading. Readings during the warm-up must be within
-  0.5 e of the first of them. The error of passes beside the middle of the belt must be within the
+- The first reading of the empty belt after zeroing must be within 0.25 e of the zero that was set,
+  where e is the verification scale interval. Later readings of the empty belt must be within 0.5 e
+  of this first reading. Readings of the empty belt during the warm-up must be within 0.5 e of the
+  first reading of the warm-up. The error of passes beside the middle of the belt must be within the
   limit of the class. Passes outside the range of dynamic setting must not get a mass. The rules on
   zero, eccentricity and range are from OIML R 51-1:2006, quoted from memory because its text was
   not available.
@@ -43,19 +44,22 @@ from checkweigher_validation.verification.plan import MINUTE, Mass, Plan
 from checkweigher_validation.verification.procedure import AtRest, Attempt, Procedure, digest_of
 from checkweigher_validation.verification.steps import Step, StepKind, steps_of
 
-ZERO_ACCURACY, ZERO_STABILITY = 0.25, 0.5  # limits of the zero in e
+# Limits, in e, of the zero after zeroing, and of the later changes of the zero.
+ZERO_ACCURACY, ZERO_STABILITY = 0.25, 0.5
 COVERAGE = 2.0  # coverage factor k of the expanded uncertainty
 WARM_UP_MINUTES = (0.0, 5.0, 15.0, 30.0)
 LEVEL = 0.95  # confidence level of the intervals whose coverage is reported
 
 _CLOSE = 1.25  # largest ratio of a load to Min, or of Max to a load, that counts as close
 _THIRD = (0.25, 0.5)  # smallest and largest load that counts as a third of Max, relative to Max
-_REFERENCE_SHARE = 1 / 3  # largest expanded uncertainty of a reference mass, relative to the limit
-_SAME_SPEED = 0.05  # largest relative deviation from the planned belt speed
+# Largest expanded uncertainty of a reference mass, relative to the error limit of its steps.
+_REFERENCE_SHARE = 1 / 3
+_SAME_SPEED = 0.05  # largest relative deviation of the median belt speed from the planned one
 # Kinds of steps for which OIML R 51-1 requires a number of weighings.
 _COUNTED = StepKind.PASSES, StepKind.ECCENTRICITY, StepKind.REPEATABILITY
 _LATE = 1.0  # largest deviation from a planned warm-up time in min
-_CALIBRATED = AtRest(0.0, 0.0, 0.0, 0)  # zero at calibration
+# Reading of the zero at calibration, which is 0 because readings are relative to it.
+_CALIBRATED = AtRest(0.0, 0.0, 0.0, 0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,18 +74,18 @@ class Result:
     faults: int = 0  # number of passes without a mass.
     # Mean error of the passes, error of the load at rest, or change of the zero.
     error: float = math.nan
-    worst_error: float = math.nan  # signed error of the pass with the largest magnitude
-    std_dev: float = math.nan
+    worst_error: float = math.nan  # error of a pass with the largest magnitude, with its sign
+    std_dev: float = math.nan  # standard deviation of the errors of the passes
     spread: float = math.nan  # difference between the largest and the smallest error
     uncertainty: float = math.nan  # expanded uncertainty of the error, k = 2
     coverage: float = math.nan  # fraction of the errors within the stated 95 % interval
-    max_error: float = math.nan
-    max_std_dev: float = math.nan
-    failures: tuple[str, ...] = ()  # reasons why the attempt failed
+    max_error: float = math.nan  # limit of the magnitude of the error
+    max_std_dev: float = math.nan  # limit of the standard deviation
+    failures: tuple[str, ...] = ()  # reasons why the attempt failed, empty if it did not fail
 
     @property
     def passed(self) -> bool:
-        """Whether the attempt was made and is within all limits."""
+        """Whether the attempt was made and has no failures."""
         return self.verdict == 'passed'
 
     @property
@@ -128,7 +132,7 @@ class AttemptResults:
 
 
 def outcome_of(procedure: Procedure) -> AttemptResults:
-    """Return the results of a verification."""
+    """Evaluate all attempts of a verification, and return the results and the departures."""
     totals = Counter(attempt.step.name for attempt in procedure.attempts)
     made: Counter[str] = Counter()
     zeros: list[tuple[StepKind, AtRest]] = []  # kind of step and reading of each zero so far
@@ -156,7 +160,14 @@ def outcome_of(procedure: Procedure) -> AttemptResults:
 def _zero_for(
     attempt: Attempt, zeroings: Sequence[ZeroChange], zeros: Sequence[tuple[StepKind, AtRest]]
 ) -> AtRest | None:
-    """Return the zero that is subtracted from a reading, or None for the first warm-up reading."""
+    """Return the zero that is subtracted from a reading, or None for the first warm-up reading.
+
+    A load at rest uses the latest reading of the empty belt, and a warm-up reading uses the first
+    reading of the warm-up. The first reading after zeroing uses the last zero that was set before
+    it. All other readings use the last such first reading. If there is none of these, the zero of
+    the calibration is used. `zeroings` contains the zeros that were set, and `zeros` the valid
+    readings of the empty belt so far with the kinds of their steps.
+    """
     kind = attempt.step.kind
     if kind == StepKind.STATIC:
         return zeros[-1][1] if zeros else _CALIBRATED
@@ -332,7 +343,10 @@ def plan_departures(plan: Plan, load_cell: LoadCell | None = None) -> Iterator[s
 
 
 def _doubts(procedure: Procedure, results: Sequence[Result]) -> Iterator[str]:
-    """Yield a sentence for each departure that makes the meaning of a result uncertain."""
+    """Yield a sentence for each departure that makes the meaning of a result uncertain.
+
+    Such a departure makes the verdict 'undecided' if no step failed and there are no gaps.
+    """
     yield from _warm_up_departures(procedure.plan, results)
     yield from _load_departures(procedure.plan)
     yield from _reference_departures(procedure.plan)
@@ -347,7 +361,10 @@ def _doubts(procedure: Procedure, results: Sequence[Result]) -> Iterator[str]:
 
 
 def _step_departures(procedure: Procedure, results: Sequence[Result]) -> Iterator[str]:
-    """Yield a sentence for each zero without a zeroing before it, and for each repeated step."""
+    """Yield a sentence for each step that lacks a zeroing before it, and for each repeated step.
+
+    Only a step of the kind ZEROING needs a zeroing before it.
+    """
     zeroed = min((zero.stamp for zero in procedure.zeros), default=math.inf)
     for result in results:
         name, attempt = result.attempt.step.name, result.attempt
@@ -371,7 +388,8 @@ def _foreign_cell(procedure: Procedure) -> Iterator[str]:
 def _foreign_device(plan: Plan, own: LoadCell) -> Iterator[str]:
     """Yield a sentence if a load cell is not that of the plan.
 
-    The serial number is that of the load cell or, if it is digital, of its amplifier.
+    `own` is the load cell of the samples. Its serial number must be that of the load cell in the
+    plan or, because a digital load cell sends that of its amplifier, that of the amplifier.
     """
     planned = [str(each.get('serial', '')) for each in (plan.load_cell, plan.amplifier)]
     if own.serial_number not in filter(None, planned):
@@ -397,7 +415,11 @@ def _load_departures(plan: Plan) -> Iterator[str]:
 
 
 def _reference_departures(plan: Plan) -> Iterator[str]:
-    """Yield a sentence for each reference mass that is too uncertain for its smallest limit."""
+    """Yield a sentence for each reference mass that is too uncertain for its smallest limit.
+
+    The expanded uncertainty may be at most a third of the smallest error limit of the steps with
+    this mass. Steps outside the range of dynamic setting have no error limit.
+    """
     own = plan.accuracy_class
     limits: dict[Mass, float] = {}  # smallest error limit in kg of the steps with each mass
     for step in steps_of(plan):

@@ -32,7 +32,8 @@ def verification_faults(folder: Path, values: Any) -> Iterator[str]:
 def file_faults(folder: Path, what: str, files: Any) -> Iterator[str]:
     """Yield a sentence for each file that is missing or has another SHA-256 digest than stated.
 
-    `files` contains the digests by file name, and `what` begins each sentence.
+    `files` contains the hexadecimal digests by file name, and `what` begins each sentence. Nothing
+    is yielded if `files` is not a dict.
     """
     for name, digest in files.items() if isinstance(files, dict) else ():
         path = folder / Path(name).name

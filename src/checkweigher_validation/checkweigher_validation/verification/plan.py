@@ -27,10 +27,11 @@ from checkweigher_validation.accuracy.classes import (
 
 EXAMPLE = (files(__package__) / 'example_plan.yaml').read_text(encoding='utf-8')
 LONGEST = 10_000  # largest number of characters of a plan
-MINUTE = 60.0  # s
+MINUTE = 60.0  # seconds in a minute
 PLANS, VERIFICATIONS = 'plans', 'verifications'  # subfolders of the folder of a machine
 
-_ROUNDING = 1 + 1e-9  # tolerance for rounding errors of a mass that equals a limit.
+# Factor by which a mass may exceed a limit, so that rounding errors do not exclude an equal mass.
+_ROUNDING = 1 + 1e-9
 # Largest number of passes, largest mass in g, and largest belt speed in m/min.
 _MOST_PASSES, _LARGEST_G, _FASTEST = 10_000, 1e7, 600.0
 
@@ -227,7 +228,7 @@ class Plan(Settings):
 
     @property
     def static_loads(self) -> tuple[Mass, ...]:
-        """Loads at rest in ascending order."""
+        """Loads at rest in ascending order of mass, empty without a test of loads at rest."""
         loads = [self.references[name] for name in self.static.loads] if self.static else []
         return tuple(sorted(loads, key=lambda load: load.mass))
 
@@ -290,7 +291,10 @@ class Plan(Settings):
 
 
 def read_plan(text: str) -> Plan:
-    """Return the plan in a YAML text. Raises `SettingsError` if the text is not a valid plan."""
+    """Return the plan in a YAML text.
+
+    Raises `SettingsError` if the text is not a valid plan or has more than `LONGEST` characters.
+    """
     if len(text) > LONGEST:
         raise SettingsError(f'{len(text)} characters are too many; at most {LONGEST} are allowed')
     with opened(text) as content:

@@ -44,7 +44,7 @@ IDENTITY = (
     'how',
 )
 _NEWER = {'audit_log_calibration': None}  # defaults of keys that bags of older versions lack
-OF_BAGS = 'of recorded bags'  # value of `how` if the steps were recorded one by one
+OF_BAGS = 'of recorded bags'  # value of `how` if each step is from a bag of its own
 SAMPLES_LOST, SATURATED, TOO_SHORT = 'SamplesLost', 'Saturated', 'TooShort'
 
 
@@ -54,8 +54,8 @@ class ItemPass:
 
     stamp: int  # t1 in ns, or t3 if t1 is unknown, or 0 if both are unknown
     mass: float
-    std_dev: float  # stated standard deviation
-    speed: float  # m/s
+    std_dev: float  # stated standard deviation of the mass, NaN if the mass is NaN
+    speed: float  # belt speed in m/s, or NaN if it is unknown
     reasons: tuple[str, ...]  # reasons why the item was not weighed, empty if it was weighed
 
     @property
@@ -68,11 +68,11 @@ class ItemPass:
 class AtRest:
     """Reading of a load at rest. Masses are in kg, relative to the zero of calibration."""
 
-    mass: float  # mean of the samples; all masses are NaN if there is no valid reading
+    mass: float  # mean of the samples, NaN like the other masses if the reading is not valid
     std_error: float  # standard error of the mean, from the means of ten successive batches
     noise: float  # standard deviation of the samples
-    samples: int
-    reasons: tuple[str, ...] = ()  # reasons why there is no valid reading
+    samples: int  # number of samples
+    reasons: tuple[str, ...] = ()  # reasons why the reading is not valid, empty if it is valid
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,10 +80,10 @@ class Attempt:
     """Attempt at a step, with the passes of a load or a reading at rest."""
 
     step: Step
-    begin: int  # ns
-    end: int  # ns
-    passes: tuple[ItemPass, ...] = ()
-    reading: AtRest | None = None
+    begin: int  # start time in ns, equal to `end` if the step was skipped
+    end: int  # end time in ns
+    passes: tuple[ItemPass, ...] = ()  # passes of a load, empty for a reading at rest
+    reading: AtRest | None = None  # reading at rest, or None for passes
     skipped: str = ''  # reason why the step was not made, or empty
 
 
@@ -118,8 +118,8 @@ def digest_of(values: object) -> str:
 def read_procedure(path: Path) -> Procedure:
     """Read the bag of a verification.
 
-    Raises `BagError` if the bag is damaged, if it was not recorded by a verification, or if its
-    plan or its identity record is not valid.
+    Raises `BagError` if the bag is damaged, if it was not recorded by a verification, if its plan
+    or its identity record is not valid, or if it contains a step that is not in its plan.
     """
     found = read_records(
         path, ports.VERIFICATION, ports.MASS_ESTIMATE, ports.VERDICT, ports.ZERO_SETTING
@@ -159,7 +159,7 @@ def read_procedure(path: Path) -> Procedure:
 def item_passes(
     estimates: Iterable[MassEstimate], verdicts: Iterable[Verdict]
 ) -> tuple[ItemPass, ...]:
-    """Return a pass for each verdict, in order of entry, with the speed of its estimate.
+    """Return a pass for each verdict, in order of its stamp, with the speed of its estimate.
 
     The speed is NaN if the verdict has no estimate.
     """
@@ -211,8 +211,9 @@ def _attempts(
 def _reading(recording: Recording, begin: int, end: int) -> AtRest:
     """Return the reading from the sample blocks that are completely between two times in ns.
 
-    The reading is not valid if there are too few samples, if samples between the blocks were lost,
-    or if a sample is at an end of the range of the converter.
+    The reading is not valid if there are fewer than ``10 * BATCHES`` samples, if samples between
+    the blocks were lost, or if a sample is at an end of the range of the converter. It then has NaN
+    for all masses, and the reason.
     """
     cell, blocks = recording.load_cell, BlockColumns.of(recording.blocks)
     durations = (blocks.lengths * (NANOSECONDS / cell.sample_rate)).astype(np.int64)

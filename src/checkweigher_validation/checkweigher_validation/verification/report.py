@@ -179,7 +179,10 @@ def _fault_between(item: ItemPass, attempts: Sequence[Attempt]) -> Values:
 
 
 def _in_grams(record: object, *names: str) -> Values:
-    """Return the fields `names` of a record, converted from kg to g."""
+    """Return the fields `names` of a record in g, by the name with the suffix ``_g``.
+
+    The values of the record are in kg. A value that is not finite becomes None.
+    """
     return {f'{name}_g': _grams(getattr(record, name)) for name in names}
 
 

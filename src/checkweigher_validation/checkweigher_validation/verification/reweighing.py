@@ -40,10 +40,12 @@ def conflicts(
 ) -> Iterator[str]:
     """Yield a sentence for each kind of conflict between verdicts, estimates and samples.
 
-    If the samples cannot be weighed again, a sentence with the reason is yielded. `identity` is the
-    identity record of the bag, which contains the parameters of the nodes.
-    `interval` is the verification scale interval e in kg. `begins` contains the start times in ns
-    of the recordings if several recordings were weighed separately.
+    A mass in a verdict must equal that of its estimate, and may differ by at most 0.2 e from the
+    mass that is computed again from the samples. If the samples cannot be weighed again, a sentence
+    with the reason is yielded. `identity` is the identity record of the bag, which contains the
+    parameters of the nodes. `interval` is the verification scale interval e in kg. `begins`
+    contains the start times in ns of the recordings if several recordings were weighed separately,
+    and is empty otherwise.
     """
     masses = {(each.item_id, each.t1): each.mass for each in estimates}
     other = [
@@ -89,8 +91,9 @@ def _cut(recording: Recording, begins: Sequence[int]) -> Iterator[Recording]:
 def is_weighed(verdict: Verdict) -> bool:
     """Return whether an item got a mass.
 
-    An item with the decision FAULT got no mass, unless NoProduct is the only reason. In this case
-    it was weighed, and only the limits are missing.
+    An item whose mass is NaN or infinite got no mass. An item with the decision FAULT got no mass
+    either, unless NoProduct is the only reason. In this case it was weighed, and only the limits
+    are missing.
     """
     no_limits = verdict.reasons == (Reason.NO_PRODUCT.value,)
     return math.isfinite(verdict.mass) and (verdict.decision != Decision.FAULT or no_limits)
@@ -106,7 +109,11 @@ def _parameters(text: str) -> LineParameters:
 def _compared(
     again: Sequence[ItemResult], verdicts: Sequence[Verdict], tolerance: float
 ) -> Iterator[str]:
-    """Yield a sentence for each kind of conflict between verdicts and items weighed again."""
+    """Yield a sentence for each kind of conflict between verdicts and items weighed again.
+
+    The masses of an item may differ by at most `tolerance` in kg. An item has the first verdict
+    whose t1 differs from its t1 by at most `SAME_ITEM`.
+    """
     known = _known(verdicts)
     times = [t1 for t1, _ in known]
     differ, without, found = [], [], set[int]()
@@ -119,7 +126,8 @@ def _compared(
             without.append(f'item {item.estimate.item_id} of the samples: {_grams(mass)}')
             continue
         found.add(number)
-        if abs(known[number][1] - mass) > tolerance:  # False if the known mass is NaN
+        # The comparison is False if the mass of the verdict is NaN, which is no conflict.
+        if abs(known[number][1] - mass) > tolerance:
             differ.append(f'{_grams(known[number][1])}, weighed again {_grams(mass)}')
     others = [mass for number, (_, mass) in enumerate(known) if number not in found]
     lacking = [_grams(mass) for mass in others if not math.isnan(mass)]
@@ -129,7 +137,10 @@ def _compared(
 
 
 def _known(verdicts: Sequence[Verdict]) -> list[tuple[int, float]]:
-    """Return t1 in ns and the mass in kg, which may be NaN, of each verdict with a t1, by t1."""
+    """Return t1 in ns and the mass in kg of each verdict with a t1, in ascending order of t1.
+
+    The mass is NaN if the item was not weighed.
+    """
     masses = [(each.t1, each.mass if is_weighed(each) else math.nan) for each in verdicts]
     return sorted((t1, mass) for t1, mass in masses if t1 is not None)
 

@@ -54,7 +54,8 @@ class Step:
     speed: float | None = None  # belt speed in m/s, or None for a reading at rest
     count: int = 0  # planned number of passes, 0 for a reading at rest
     position: str = ''  # name of the position across the belt, empty except for eccentricity
-    minutes: float | None = None  # planned time after the first step of the warm-up
+    # Planned time in min after the first step of the warm-up, or None in other tests.
+    minutes: float | None = None
 
     @property
     def at_rest(self) -> bool:
@@ -63,7 +64,7 @@ class Step:
 
     @property
     def to_do(self) -> str:
-        """Instruction to the operator."""
+        """Instruction to the operator, in one line without a full stop."""
         load = f'{self.load.name} ({self.load.mass_g:g} g)' if self.load else ''
         speed = MINUTE * (self.speed or 0)
         return _TO_DO[self.kind].format(speed=speed, load=load, position=self.position)
