@@ -79,11 +79,10 @@ def text_table(evaluation: Evaluation, accuracy_class: AccuracyClass = AccuracyC
     """Return a text table of the means over the masses for each estimator and speed.
 
     The evaluation must have at least one condition. The table covers the test passes or, if there
-    are none, the training passes. The columns include
-    the coverage of the stated 68 % and 95 % intervals, the number of conditions within the limits
-    of the class, and A in the paper (Long et al.) if the speed and the masses are those of the
-    paper. If there are 2 to 10 masses, a second table shows the coverage by speed and mass for the
-    estimator with the smallest A.
+    are none, the training passes. The columns include the coverage of the stated 68 % and 95 %
+    intervals, the number of conditions within the limits of the class, and A in the paper (Long et
+    al.) if the speed and the masses are those of the paper. If there are 2 to 10 masses, a second
+    table shows the coverage by speed and mass for the estimator with the smallest A.
     """
     part = evaluation.parts[0]
     lines = [

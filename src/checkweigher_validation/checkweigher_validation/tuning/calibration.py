@@ -17,9 +17,9 @@ from checkweigher_validation.accuracy.errors import overall_index
 # Smallest number of passes of a mass for which A is computed separately. Masses with fewer passes
 # are combined, because their separate standard deviations are too uncertain.
 _FEWEST_OF_A_MASS = 5
-_FEWEST_FOR_OFFSET = 6  # smallest number of passes to fit gain and offset
+_FEWEST_FOR_OFFSET = 6  # smallest number of passes from which an offset is fitted beside the gain
 _DISTINCT_MASSES = 1.2  # masses are distinct above this ratio of the heaviest to the lightest
-_FOLDS = 5
+_FOLDS = 5  # number of folds of `held_out_errors`
 # Rate of the exponential prior of the share of the variance that is proportional to mass**2. On
 # [0, 1], the mean of this prior is 0.4.
 _PRIOR = 1.2
@@ -29,8 +29,8 @@ _PRIOR = 1.2
 class Calibration:
     """Calibration ``mass = gain * estimate + offset``."""
 
-    gain: float
-    offset: float  # kg
+    gain: float  # dimensionless
+    offset: float  # offset in kg
 
     def apply(self, estimates: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the calibrated masses of estimates, in kg."""
@@ -41,8 +41,8 @@ class Calibration:
 class Uncertainty:
     """Uncertainty with the variance ``std_dev**2 + (relative * mass)**2``."""
 
-    std_dev: float  # kg
-    relative: float
+    std_dev: float  # standard deviation in kg of the part that does not depend on the mass
+    relative: float  # standard deviation of the part that is proportional to the mass, per mass
 
 
 def calibrate(estimates: NDArray[np.float64], masses: NDArray[np.float64]) -> Calibration:
@@ -58,14 +58,18 @@ def calibrate(estimates: NDArray[np.float64], masses: NDArray[np.float64]) -> Ca
 
 
 def are_distinct(masses: NDArray[np.float64]) -> bool:
-    """Return whether masses, (n,), differ enough to determine how errors depend on the mass."""
+    """Return whether masses, (n,), differ enough to determine how errors depend on the mass.
+
+    The heaviest mass must be more than 1.2 times the lightest.
+    """
     return bool(masses.max() > _DISTINCT_MASSES * masses.min())
 
 
 def index(errors: NDArray[np.float64], masses: NDArray[np.float64]) -> float:
-    """Return the index A in kg, averaged over the masses.
+    """Return the index A of `errors` in kg, (n,), averaged over the different `masses`, (n,).
 
-    Masses with fewer than five passes count as one mass.
+    All masses with fewer than five passes count together as one mass. If this mass has only one
+    pass, the magnitude of its error replaces the standard deviation.
     """
     values, counts = np.unique(masses, return_counts=True)
     groups = [errors[masses == value] for value in values[counts >= _FEWEST_OF_A_MASS]]
@@ -92,7 +96,8 @@ def calibrated_index(estimates: NDArray[np.float64], masses: NDArray[np.float64]
 def folds(masses: NDArray[np.float64], count: int) -> NDArray[np.intp]:
     """Return the fold of each pass, (n,), a number from 0 to ``count - 1``.
 
-    The passes of each mass are distributed evenly over the folds.
+    The passes of each mass are distributed evenly over the folds. If there are fewer passes than
+    `count`, each pass is a fold of its own.
     """
     result = np.empty(len(masses), np.intp)
     result[np.argsort(masses, kind='stable')] = np.arange(len(masses)) % min(count, len(masses))
@@ -102,7 +107,10 @@ def folds(masses: NDArray[np.float64], count: int) -> NDArray[np.intp]:
 def held_out_errors(
     estimates: NDArray[np.float64], masses: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the errors of passes in kg, (n,), each after a calibration on other passes."""
+    """Return the errors of passes in kg, (n,), each after a calibration on other passes.
+
+    The passes are divided into five folds, and each fold is calibrated on the other four.
+    """
     errors = np.empty(len(masses))
     fold = folds(masses, _FOLDS)
     for number in np.unique(fold):

@@ -222,9 +222,10 @@ def _residual(
 
 
 def _first_whitener(group: SpeedGroup, known: GaussMarkovParameters) -> Prewhitener:
-    """Return the filter that whitens the noise of the empty belt.
+    """Return the filter that whitens the noise of the empty belt at the speed of `group`.
 
     If the belt is never empty for long enough, the signal of the loaded belt is used instead.
+    Raises `TuningError` if the signals contain no noise or are too short.
     """
     empty, full = [], []
     for each in group.passes:
@@ -242,7 +243,9 @@ def _reflections(
 ) -> tuple[NDArray[np.float64], float]:
     """Return the reflection coefficients and the innovation standard deviation of noise signals.
 
-    Raises `TuningError` if the signals contain no noise, or are too short for the order.
+    The signals `segments` are in kg. Returns the coefficients, (order,), and the standard deviation
+    in kg. Raises `TuningError`, with the speed of `group` in its message, if the signals contain no
+    noise or are too short for the order.
     """
     try:
         # Rounding errors of a constant signal are not regarded as noise.

@@ -31,7 +31,8 @@ class TunedIswdEksi(Tunable):
     def searched(self) -> tuple[Axis, ...]:
         """Return the axes of the search.
 
-        Those of `gamma5` and the thresholds are included if their values in `base` are positive.
+        The axis of `gamma5` and that of each threshold are included if the value of the parameter
+        in `base` is positive at this speed.
         """
         found = list(self.estimator.axes)
         for name in ('gamma5', 'lambda5', 'lambda6', 'lambda7'):

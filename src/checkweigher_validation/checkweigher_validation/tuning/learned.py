@@ -48,7 +48,9 @@ from checkweigher_validation.tuning.calibration import are_distinct, calibrate
 from checkweigher_validation.tuning.tunables import Tunable
 
 _LONGEST_LEAD = 0.75  # longest used signal before t1, as a multiple of t3 - t1
-_ALONE = 0.02  # quantile of the gaps before the products of the training passes at a speed
+# Quantile of the gaps before the products of the training passes at a speed that counts as the gap
+# of these passes.
+_ALONE = 0.02
 _LESS = 0.95  # ratio of the gap required in production to that of the training passes
 _FEWEST = 3  # smallest number of passes from which weights are learned
 _SLOWER = 0.01  # assumed relative difference of the natural frequency between products

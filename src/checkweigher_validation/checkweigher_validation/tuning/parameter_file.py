@@ -17,8 +17,8 @@ from checkweigher_validation.accuracy.errors import ConditionResult, distinct
 from checkweigher_validation.accuracy.tables import coverage_table
 from checkweigher_validation.tuning.tuner import UNTRAINED, Tuned
 
-_WIDTH = 100
-_SAME_MASS = 1e-6  # kg
+_WIDTH = 100  # preferred number of characters in a line of YAML
+_SAME_MASS = 1e-6  # tolerance in kg for rounding errors of equal masses
 
 
 def parameter_file(
@@ -91,7 +91,7 @@ def _coverage_lines(tuned: Tuned) -> list[str]:
 
 
 def _sections(tuned: Mapping[str, Tuned]) -> dict[str, dict[str, object]]:
-    """Return the parameters in the file by node."""
+    """Return the parameters that the file contains, by node and name."""
     first, *_ = tuned.values()
     sections = {
         entry.name: _changed(getattr(first.parameters, entry.name))

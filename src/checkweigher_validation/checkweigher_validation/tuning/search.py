@@ -26,7 +26,11 @@ _Trial = tuple[float, Point, Values]
 
 
 def value_at(axis: Axis, position: float) -> float:
-    """Return the value at a position on an axis. Position 0 is `low` and position 1 is `high`."""
+    """Return the value at a position on an axis. Position 0 is `low` and position 1 is `high`.
+
+    A position outside 0..1 is moved to the nearer end. The value is rounded to a whole number if
+    the axis requires it, and otherwise to five significant digits.
+    """
     position = min(max(position, 0.0), 1.0)
     if axis.logarithmic:
         found = axis.low * (axis.high / axis.low) ** position
@@ -37,7 +41,10 @@ def value_at(axis: Axis, position: float) -> float:
 
 
 def start_position(axis: Axis) -> float:
-    """Return the position of the start value on its axis, from 0 to 1."""
+    """Return the position of the start value on its axis, from 0 to 1.
+
+    A start value outside the axis is moved to the nearer end.
+    """
     start = min(max(axis.start, axis.low), axis.high)
     if axis.logarithmic:
         return math.log(start / axis.low) / math.log(axis.high / axis.low)

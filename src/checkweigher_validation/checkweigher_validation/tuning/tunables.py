@@ -75,7 +75,10 @@ class Tunable:
     def search(
         self, badness: Callable[[Mapping[str, float]], float], budget: int
     ) -> tuple[Values, float]:
-        """Return the values with the smallest `badness` that was found, and that badness."""
+        """Return the values with the smallest `badness` that was found, and that badness.
+
+        `badness` is evaluated about `budget` times at most, as in `search`.
+        """
         axes = [replace(axis, start=self.start(axis)) for axis in self.searched()]
         return search(axes, badness, budget)
 
@@ -92,7 +95,11 @@ class Tunable:
         return known.at(axis.name, self.group.speed) if hasattr(known, axis.name) else axis.start
 
     def learn(self, rows: NDArray[np.intp], values: Mapping[str, float]) -> dict[str, Any]:
-        """Return the parameters that the estimator learns from the passes `rows`."""
+        """Return the parameters that the estimator learns from the passes `rows`, by name.
+
+        `rows` contains the positions of these passes in `group`, and `values` contains the values
+        of the searched parameters by name.
+        """
         windows = [self.windows[row] for row in rows]
         return self.estimator.learn(self.known, windows, self.group.masses[rows], values)
 

@@ -60,16 +60,17 @@ class TunedSpeed:
     `uncertainty` is computed from the held-out errors.
     """
 
-    speed: float  # m/s
-    passes: int
+    speed: float  # belt speed in m/s
+    passes: int  # number of passes
     lists: Mapping[str, tuple[float, ...]]  # parameters for this speed; keys are ``node.name``
-    calibration: Calibration
+    calibration: Calibration  # gain and offset, fitted to all passes
     uncertainty: Uncertainty
     zero_std_dev: float  # median standard deviation of the zero in kg
     index: float  # A on the training passes in kg
     masses: tuple[float, ...]  # true mass of each pass in kg, in order of entry
-    held_out_index: float = math.nan  # A of the held-out errors in kg.
-    held_out_errors: tuple[float, ...] = ()  # error of each held-out pass in kg, in order of entry
+    held_out_index: float = math.nan  # A of the held-out errors in kg, NaN if not computed yet
+    # Error of each held-out pass in kg, in order of entry, or empty if not computed yet.
+    held_out_errors: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +103,8 @@ def tune(
         Start values of the tuned parameters, and values of all other parameters.
     budget : int
         Largest number of evaluations for each estimator at each speed, as in
-        `checkweigher_validation.tuning.search.search`. A fold of several passes has half of it.
+        `checkweigher_validation.tuning.search.search`. For the held-out errors, each tuning without
+        a fold of several passes has half of this budget.
     n_jobs : int, optional
         Number of processes, as in `checkweigher_validation.jobs.run_jobs`.
     skip_failing : bool
@@ -117,7 +119,8 @@ def tune(
     ------
     TuningError
         If there are no passes, or too few passes at a speed, or if an estimator cannot be tuned. If
-        `skip_failing` is True, the last case raises only if no estimator can be tuned.
+        `skip_failing` is True, an estimator that cannot be tuned is an error only if all of them
+        fail.
     """
     _check_passes(groups)
     prepare = {name: partial(TUNABLES[name].prepare, groups, base) for name in estimators}
@@ -220,7 +223,7 @@ def _attempt(job: Callable[[], Any]) -> Any:
 
 
 def _with_held_out(task: Tunable, found: Mapping[tuple[Tunable, int | None], Any]) -> TunedSpeed:
-    """Return the result of a task with the errors of the held-out passes."""
+    """Return the result of the tuning on all passes, with the held-out errors of all folds."""
     masses = task.group.masses
     numbers = _folds(task)
     fold = folds(masses, len(numbers))
