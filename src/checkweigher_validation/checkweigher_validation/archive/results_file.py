@@ -45,7 +45,7 @@ class Origin:
 
     bag_sha256: str
     parameters_sha256: str
-    lane: str
+    lane: str  # namespace of the lane, or empty if the job named none
     program: str
 
 

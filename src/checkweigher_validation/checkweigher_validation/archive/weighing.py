@@ -40,10 +40,10 @@ from checkweigher_validation.jobs import WorkerLostError, jobs_as_done
 class WeighJob:
     """Bag to weigh, and the parameters to use."""
 
-    bag: str  # path or URL
+    bag: str  # path or URL of the bag
     parameters: LineParameters
     lane: str | None  # namespace of the lane; it may be None if the bag has only one lane
-    program: Program  # required program
+    program: Program  # program that must weigh the bag; another program refuses the job
     known: str = ''  # SHA-256 of the bag whose results are stored already, or empty
 
 
@@ -143,7 +143,7 @@ class _Tally:
     begin: int | None = None  # time of the first sample in ns
     end: int = 0  # end of the last sample in ns
     decisions: Counter[Decision] = field(default_factory=Counter)
-    errors: RunningMoments = field(default_factory=RunningMoments)  # g
+    errors: RunningMoments = field(default_factory=RunningMoments)  # errors of the masses in g
     notes: list[str] = field(default_factory=list)
 
     def stretches(self, stretches: Iterable[Recording]) -> Iterator[Recording]:

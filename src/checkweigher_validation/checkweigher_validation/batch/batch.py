@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Batch of items, made from weighed items, or read from a CSV file of `weigh` or a batch record."""
+"""Batch of items: made from weighed items, or read from a batch record or a CSV file of `weigh`."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
@@ -63,10 +63,11 @@ class BatchItem:
     decision: Decision
     reasons: tuple[str, ...]
     mass: float  # mass of the contents in kg, NaN if the item was not weighed
-    stamp: int | None = None  # time in ns
+    stamp: int | None = None  # time of the item in ns, None if unknown
 
     def __post_init__(self) -> None:
-        # The rules for batches and the reference test need the masses of all accepted items.
+        # Refuse such an item, because the batch rules and the reference test need the masses of all
+        # accepted items.
         if self.decision is Decision.ACCEPT and not math.isfinite(self.mass):
             raise ValueError('the decision is ACCEPT, but the item has no mass')
 
@@ -87,8 +88,8 @@ class Batch:
     source: str  # name of the file or the bag
     parts: tuple[Part, ...]
     sha256: str = ''  # SHA-256 digest of the file
-    begin: str = ''  # ISO 8601
-    end: str = ''  # ISO 8601
+    begin: str = ''  # time of the beginning, ISO 8601
+    end: str = ''  # time of the end, ISO 8601, or empty if the batch has not ended
     stops: tuple[dict[str, Any], ...] = ()  # stop requests in the record
     corrections: tuple[FillerFeedback, ...] = ()  # feedback to the filler in the record
     changes: tuple[Entry, ...] = ()  # entries of the audit log during the batch except alarms
@@ -103,7 +104,10 @@ class Batch:
 
     @property
     def persons(self) -> int:
-        """Number of persons who must have signed when the batch is released."""
+        """Number of persons who must have signed when the batch is released.
+
+        It is the largest `release_by` of the recipes, or 1 if the batch has no items.
+        """
         return max((part.product.release_by for part in self.parts), default=1)
 
     def with_log(self, logs: LogChain, data: bytes) -> 'Batch':
@@ -158,7 +162,10 @@ class Batch:
 
 
 def of_results(name: str, source: str, results: Sequence[ItemResult], product: Product) -> Batch:
-    """Return a batch of items that were weighed from a bag."""
+    """Return a batch of the items that were weighed from the bag `source`.
+
+    Raises `ValueError` if an item was accepted without a mass.
+    """
     items = tuple(_item(result.verdict, product.tare) for result in results)
     return Batch(name, source, (Part(product, items),))
 
@@ -166,7 +173,8 @@ def of_results(name: str, source: str, results: Sequence[ItemResult], product: P
 def read_csv(path: Path, product: Product) -> Batch:
     """Return the batch in a CSV file of `weigh` or `replay`.
 
-    Raises `BatchError` if the file lacks a column or a row is not valid.
+    All items belong to `product`. Raises `BatchError` if the file lacks a column or a row is not
+    valid, and OSError if the file cannot be read.
     """
     data = path.read_bytes()
     rows = csv.DictReader(io.StringIO(data.decode('utf-8', errors='replace')))

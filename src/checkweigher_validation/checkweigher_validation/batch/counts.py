@@ -19,11 +19,11 @@ def count_faults(events: Iterable[tuple[str, Any]]) -> Iterator[str]:
     """Yield a sentence for each verdict with wrong counts.
 
     `events` are the kinds and contents of the lines of a record. The node `reject` has written the
-    counts of the product in the batch to each verdict. They are wrong if they differ from the
-    counts in the previous verdict on the product, to which the item of the verdict is added. The
-    counts before the first verdict are 0. Verdicts without a product, or of another
-    batch, are ignored. The number below TU1 and the surplus are not compared for a product whose
-    recipe is not in the record or was changed during the batch.
+    counts of the product in the batch to each verdict. These counts must be those of the previous
+    verdict on the product plus the item of this verdict. The counts before the first verdict are 0.
+    Verdicts without a product, or of another batch, are ignored. The number below TU1 and the
+    surplus are not compared for a product whose recipe is not in the record, or has been changed in
+    an earlier line.
     """
     batch, products = '', dict[str, Product]()
     tallies: dict[str, BatchTally] = {}

@@ -18,7 +18,7 @@ from checkweigher_production.reference_method import ReferenceTest, SamplingPlan
 from checkweigher_validation.accuracy.tables import plain_values
 from checkweigher_validation.batch.batch import Batch, Part
 
-_MOST_BINS = 60
+_MOST_BINS = 60  # largest number of bins of the histogram
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ class PartFigures:
     # Number of items with each reason among those that were not accepted, in descending order. For
     # an item without reasons, the name of its decision is counted as its reason.
     reasons: dict[str, int]
-    masses: NDArray[np.float64]  # (n,)
+    masses: NDArray[np.float64]  # mass of each accepted item, (n,)
     counts: NDArray[np.int64]  # number of items in each bin of the histogram, (bins,)
     edges: NDArray[np.float64]  # edges of the bins, (bins + 1,)
     chart: ControlChart | None
@@ -89,7 +89,7 @@ def figures_of(part: Part, seed: int, plan: SamplingPlan = SamplingPlan.DOUBLE) 
 
 
 def _histogram(masses: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return counts and edges of a histogram whose bins follow the Freedman-Diaconis rule.
+    """Return the counts and the edges of a histogram with bins by the Freedman-Diaconis rule.
 
     The number of bins is at most 60. It is 1 if all masses are equal, and 0 if there are no masses.
     """

@@ -17,18 +17,18 @@ Period = Callable[[int], str]
 
 @dataclass(frozen=True, slots=True)
 class Giveaway:
-    """Giveaway of one product in one period. Masses are in kg."""
+    """Contents of one product beyond the nominal weight in one period. Masses are in kg."""
 
     period: str
     product: str
     items: int  # number of accepted items
     nominal: float  # sum of the nominal weights
     surplus: float  # sum of the contents minus `nominal`
-    price: float  # per kg, NaN if unknown
+    price: float  # price of the contents per kg, NaN if unknown
 
     @property
     def money(self) -> float:
-        """Price of the surplus, NaN if unknown."""
+        """Price of the surplus in the currency of `price`, NaN if the price is unknown."""
         return self.price * self.surplus
 
 

@@ -41,7 +41,7 @@ class Signature:
         return {name: text for name, text in asdict(self).items() if text is not None}
 
     def signed(self) -> bytes:
-        """Return the bytes to be signed."""
+        """Return the bytes to be signed: JSON of all fields, with an empty signature."""
         return json.dumps(replace(self, signature='').value, separators=(',', ':')).encode()
 
     @property
@@ -59,7 +59,7 @@ class Signer(NamedTuple):
     """User in the users file who may sign."""
 
     keys: tuple[str, ...]  # Ed25519 public keys, hexadecimal
-    may_release: bool
+    may_release: bool  # whether the user may also sign with the meaning RELEASE
 
 
 def public_hex(key: Ed25519PrivateKey) -> str:
@@ -103,8 +103,8 @@ def signature_faults(
     """Yield a sentence for each signature that is void.
 
     `batch` is the name of the signed batch, or None for an entry. `sha256` is the digest of the
-    record or of the entry. `persons` is the number of persons who must have signed when it is
-    released.
+    record or of the entry. `persons` is the number of persons who must have signed up to and
+    including a signature that releases the record or the entry.
     """
     for number, each in enumerate(signatures, 1):
         what = f'signature {number} ({each.meaning} by {each.who}) is void: '
@@ -119,7 +119,7 @@ def signature_faults(
 
 
 def foreign_keys(signatures: Sequence[Signature], signers: Mapping[str, Signer]) -> Iterator[str]:
-    """Yield a sentence for each signature that its user has not made or may not make.
+    """Yield a sentence for each signature that the named user has not made or may not make.
 
     `signers` contains the users by name.
     """

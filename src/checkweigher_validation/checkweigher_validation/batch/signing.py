@@ -82,8 +82,9 @@ def signable_batch(record: Path, log: Path | None = None) -> Signable:
 def signable_entry(log: Path, digest: str) -> Signable:
     """Return the entry of an audit log with the hash `digest`, to be signed.
 
-    Raises `SigningError` if there is no such entry, if it may not be signed, if the log was
-    changed, or if the entry is that of a verification whose files were changed.
+    Raises `SigningError` if there is no such entry, if it may not be signed, if the log or an
+    earlier log was changed, or if the entry is that of a verification whose files were changed.
+    Raises `AuditError` if the log cannot be read.
     """
     chain = read_chain(log)
     if chain.fault:

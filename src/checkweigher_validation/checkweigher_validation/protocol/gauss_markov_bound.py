@@ -118,7 +118,10 @@ class _SimulatedPass:
         return np.asarray(reading.reshape(-1, OVERSAMPLING).mean(axis=1)[self._first :])
 
     def lines(self) -> NDArray[np.float64]:
-        """Return the covariance of the roller and motor vibrations, whose phases are random."""
+        """Return the covariance of the roller and motor vibrations, (n, n) in kg^2.
+
+        Their phases are random.
+        """
         profile, speed = self._profile, self._parameters.speed
         angles = [
             (amplitude, 2 * order / ROLLER_DIAMETER)
@@ -136,7 +139,10 @@ class _SimulatedPass:
         return np.asarray(matrix.T @ matrix)
 
     def impact(self) -> NDArray[np.float64]:
-        """Return the covariance of the impact at entry, which has one form and a random size."""
+        """Return the covariance of the impact at entry, (n, n) in kg^2.
+
+        The impact has a known form and a random size.
+        """
         size = self._profile.impact * self._mass * self._parameters.speed
         phase = (self._time - self._t1) / IMPACT_DURATION
         force = np.where((phase >= 0) & (phase < 1), size * np.sin(math.pi * phase), 0.0)
@@ -144,14 +150,17 @@ class _SimulatedPass:
         return np.asarray(np.outer(form, form), np.float64)
 
     def white_noise(self) -> NDArray[np.float64]:
-        """Return the covariance of broadband noise, floor vibration and converter noise."""
+        """Return the covariance of broadband noise, floor vibration and converter noise.
+
+        It has the shape (n, n) and is in kg^2.
+        """
         covariance = self._shaken(self._broadband()) + self._shaken(self._floor())
         step = 1 / self._parameters.counts_per_kg
         covariance += np.eye(len(covariance)) * (self._profile.electronic**2 + step**2 / 12)
         return covariance
 
     def _broadband(self) -> StateSpace:
-        """Return the system without a state that generates the broadband noise from white noise."""
+        """Return the stateless system that generates the broadband noise from white noise."""
         half_rate = 1 / (2 * self._step)
         force = self._profile.broadband * self._parameters.speed * math.sqrt(half_rate)
         return StateSpace(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), force, dt=1)
@@ -164,7 +173,7 @@ class _SimulatedPass:
         return reduce(mul, (StateSpace(*tf2ss(one[:3], one[3:]), dt=1) for one in sections)) * size
 
     def _shaken(self, force: StateSpace) -> NDArray[np.float64]:
-        """Return the covariance of the samples for a force that is filtered white noise.
+        """Return the covariance of the samples, (n, n) in kg^2, for a filtered white-noise force.
 
         The input of the system `force` is white noise of variance 1, and its output is the force on
         the platform. The joint state contains the reading, its derivative and the state of `force`.

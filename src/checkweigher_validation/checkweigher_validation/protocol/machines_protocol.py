@@ -29,8 +29,8 @@ from checkweigher_validation.tuning.search import BUDGET
 from checkweigher_validation.tuning.stated_lag import unchecked
 from checkweigher_validation.tuning.tuner import UNTRAINED, Tuned, tune
 
-MASSES = PAPER_MASSES
-SPEEDS = (0.5, 1.0, 1.5)  # m/s
+MASSES = PAPER_MASSES  # masses of the test passes in kg
+SPEEDS = (0.5, 1.0, 1.5)  # default belt speeds in m/s
 PASSES = 120  # number of test passes at each speed
 FURTHER = 1500  # number of passes at each speed from which the attainable accuracy is learned
 
@@ -43,7 +43,7 @@ class MachinesProtocol:
     training: int = PASSES  # number of training passes
     training_masses: tuple[float, ...] = MASSES  # masses in kg of the training passes
     further: int = FURTHER  # number of passes from which the attainable accuracy is learned
-    speeds: tuple[float, ...] = SPEEDS  # m/s
+    speeds: tuple[float, ...] = SPEEDS  # belt speeds in m/s
     without: tuple[str, ...] = ()  # causes of disturbance that are removed from the machines
 
 
@@ -124,7 +124,8 @@ def evaluate_machines(
     """Simulate machines, and evaluate the estimators on each of them with and without tuning.
 
     The tuned estimators weigh training and test passes, and the untrained estimators weigh the test
-    passes. The other parameters are as in `checkweigher_validation.tuning.tuner.tune`.
+    passes. The other parameters are as in `checkweigher_validation.tuning.tuner.tune`. Raises
+    `TuningError` if an estimator cannot be tuned on one of the machines.
     """
     calls = [
         partial(run_machine, protocol, machine, speed, base.segmenter)

@@ -46,8 +46,8 @@ class Protocol:
 
     profile: str = 'paper'  # profile of the simulated machine
     passes: int = PASSES  # number of passes of each mass at each speed
-    seed: int = 1
-    speeds: tuple[float, ...] = SPEEDS  # m/s
+    seed: int = 1  # seed of all random numbers
+    speeds: tuple[float, ...] = SPEEDS  # belt speeds in m/s
 
 
 def run_protocol(protocol: Protocol, speed: float, segmenter: SegmenterParameters) -> Run:
@@ -83,7 +83,8 @@ def evaluate_protocol(
     """Simulate all passes, tune the estimators on the first half of them, and weigh both halves.
 
     The other parameters are as in `checkweigher_validation.tuning.tuner.tune`. Returns the errors
-    of each estimator at each speed and mass, and the tuned parameters of each estimator.
+    of each estimator at each speed and mass, and the tuned parameters of each estimator. Raises
+    `TuningError` if an estimator cannot be tuned.
     """
     # Do not compare the photo-eyes with the rise of the load, because the simulated eyes are exact.
     exact = unchecked(base.segmenter)

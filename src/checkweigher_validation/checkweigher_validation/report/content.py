@@ -52,7 +52,11 @@ def looks_of(estimators: tuple[str, ...]) -> dict[str, PlotStyle]:
 
 
 def number(value: float | None, digits: int = 3, sign: bool = False, unknown: str = NONE) -> str:
-    """Return a number as text with the minus sign U+2212, or `unknown` if it is not finite."""
+    """Return a number as text with the minus sign U+2212.
+
+    Returns `unknown` if the number is None or not finite. If `sign` is True, a positive number has
+    a plus sign.
+    """
     if value is None or not math.isfinite(value):
         return unknown
     # The addition converts -0.0 to 0.0.
@@ -60,7 +64,7 @@ def number(value: float | None, digits: int = 3, sign: bool = False, unknown: st
 
 
 def grams(value: float, digits: int = 3, unknown: str = NONE) -> str:
-    """Return a mass in kg as text in g."""
+    """Return a mass in kg as text in g, or `unknown` if it is not finite."""
     return number(GRAMS * value, digits, unknown=unknown)
 
 
@@ -111,7 +115,7 @@ class Content:
             yield f'Passes that got no mass: {_enumerate(faulty)}.'
 
     def conditions(self, **chosen: Any) -> tuple[ConditionResult, ...]:
-        """Return the chosen conditions."""
+        """Return the conditions that `Evaluation.select` returns for the keywords `chosen`."""
         return self._evaluation.select(**{'part': self.part, **chosen})
 
     def at_masses(self, **chosen: Any) -> list[ConditionResult | None]:
@@ -126,14 +130,14 @@ class Content:
     def judged(self, name: str) -> list[bool]:
         """Return whether each condition of an estimator is within the limits of the class.
 
-        A condition with too few weighings is not.
+        A condition with too few weighings is not within the limits.
         """
         return [judge(one, self._class).passed for one in self.conditions(estimator=name)]
 
     def best_by_speed(self) -> list[float]:
         """Return the smallest A in kg of all estimators at each speed, and on average.
 
-        Estimators whose A is NaN are ignored. The smallest A is NaN if they all are.
+        Estimators whose A is NaN are ignored. The smallest A is NaN if A is NaN for all estimators.
         """
         speeds = (*self._evaluation.speeds, None)
         rows = [[self.mean(estimator=name, speed=at).index for at in speeds] for name in self.looks]
@@ -165,7 +169,10 @@ class Content:
         return ' '.join(name for name, passed in zip('μσn', kept, strict=True) if not passed)
 
     def coverages(self, **chosen: Any) -> list[float]:
-        """Return the coverage of the stated intervals in percent at each confidence level."""
+        """Return the coverage of the stated intervals in percent at each level in `LEVELS`.
+
+        A coverage is NaN if no pass has a stated standard deviation.
+        """
         return [100 * coverage(self.conditions(**chosen), level) for level in LEVELS]
 
 

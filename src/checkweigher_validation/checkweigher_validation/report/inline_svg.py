@@ -44,7 +44,7 @@ def new_figure(height: float, rows: int = 1, columns: int = 1, **more: Any) -> t
 
 
 def label_rows(axes: Axes, labels: Sequence[str]) -> None:
-    """Label the rows of a diagram whose first row is at the top."""
+    """Label the rows of a diagram, and turn its vertical axis so that the first row is on top."""
     axes.set_yticks(range(len(labels)), labels)
     axes.tick_params(axis='y', length=0, labelcolor=INK)
     axes.invert_yaxis()

@@ -61,7 +61,10 @@ def _findings(tables: Sequence[FamilyTable], looks: Mapping[str, PlotStyle]) -> 
 
 
 def _by_speed(machine: Evaluation, looks: Mapping[str, PlotStyle]) -> list[tuple[str, list[float]]]:
-    """Return label and A in kg at each speed, for the attainable accuracy and each estimator."""
+    """Return the label and A in kg at each speed of each estimator, on the test passes.
+
+    The attainable accuracy counts as an estimator.
+    """
     found = []
     for name in machine.estimators:
         at_speeds = [machine.select(estimator=name, speed=at, part='test') for at in machine.speeds]

@@ -13,15 +13,15 @@ from checkweigher_core.records import GRAMS
 from checkweigher_validation.accuracy.examples import Example
 from checkweigher_validation.report import inline_svg as svg
 
-MILLISECONDS = 1000.0  # in a second.
+MILLISECONDS = 1000.0  # milliseconds in a second
 
 # Numbers of the series whose colours do not belong to an estimator.
 SIGNAL, HARD, SOFT, SHRINKAGE = 90, 91, 92, 93
 _THRESHOLDINGS = {'hard': HARD, 'soft': SOFT, 'shrinkage': SHRINKAGE}
 
-_SPECTRUM_LIMIT = 120.0  # Hz
-_SPECTRUM_POINTS = 8192
-_ENERGY_SHARE = 0.99
+_SPECTRUM_LIMIT = 120.0  # highest frequency in the figure of the spectrum, in Hz
+_SPECTRUM_POINTS = 8192  # smallest FFT length
+_ENERGY_SHARE = 0.99  # fraction of the energy below the frequency that the figure marks
 
 # Coordinates of a note at the upper edge of a diagram, with an offset in points.
 _AT_TOP: Any = {'xycoords': ('data', 'axes fraction'), 'textcoords': 'offset points'}
@@ -109,11 +109,12 @@ def denoised_figure(example: Example) -> Figure:
 def amplitude_spectrum(
     signal: NDArray[np.float64], sample_rate: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the frequencies and the amplitude spectrum of a signal, (n,).
+    """Return the frequencies, (m,), and the amplitude spectrum, (m,), of a signal, (n,).
 
-    The signal is padded with zeros, so that the spectrum is smooth. Therefore the signal should
-    begin and end near zero. The frequencies are in Hz. The amplitude is the magnitude of the
-    Fourier transform, in the unit of the signal per Hz.
+    A signal of fewer than `_SPECTRUM_POINTS` samples is padded with zeros to this length, so that
+    the spectrum is smooth. Therefore the signal should begin and end near zero. `sample_rate` and
+    the frequencies are in Hz. The amplitude is the magnitude of the Fourier transform, in the unit
+    of the signal per Hz.
     """
     points = max(_SPECTRUM_POINTS, len(signal))
     frequency = np.fft.rfftfreq(points, 1 / sample_rate)
