@@ -91,9 +91,9 @@ class AlarmList:
     def set_stop(self, request: StopRequest | None) -> None:
         """Begin the alarm of a stop request, and end the alarms of all other stop requests.
 
-        If `request` is None, the alarms of all stop requests end. So they do for a request with the
-        reason NotReady, which is no alarm, because this reason is also used when a person stops
-        the line. If the alarm of `request` is already active, it is left unchanged.
+        If `request` is None, the alarms of all stop requests end. If the reason of `request` is
+        NotReady, they end as well, and no alarm begins, because this reason is also used when a
+        person stops the line. If the alarm of `request` is already active, it is left unchanged.
         """
         if request is not None and request.reason is StopReason.NOT_READY:
             request = None

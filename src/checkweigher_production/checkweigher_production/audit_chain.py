@@ -17,7 +17,7 @@ from checkweigher_production.audit_log import (
     read_log,
 )
 
-LOG_FILE = 'audit.log'  # name of the latest log in the folder of a machine
+LOG_FILE = 'audit.log'  # file name of the latest log in the machine folder
 PREDECESSOR = 'predecessor'
 
 
@@ -25,7 +25,7 @@ PREDECESSOR = 'predecessor'
 class LogChain:
     """Audit log with the earlier logs of the same line, which are in the same folder."""
 
-    logs: tuple[tuple[Path, Verification], ...]  # each log with its verification, oldest first
+    logs: tuple[tuple[Path, Verification], ...]  # each log with its verification, oldest first.
     # Reasons why logs cannot be trusted or are missing, separated by '; ', or empty.
     fault: str = ''
 
@@ -77,10 +77,10 @@ def _last_hash(found: Verification) -> str:
 
 
 def predecessor_of(entries: Sequence[Entry]) -> dict[str, object] | None:
-    """Return the file name, number of entries and last hash of the previous log.
+    """Return the file name, number of entries and last hash of the previous log of a log.
 
-    They are the values of the keys 'file', 'entries' and 'hash' in the first of `entries`. Returns
-    None if there are no entries, or if the first entry does not name a previous log.
+    `entries` are the entries of the log. Returns a dict with the keys 'file', 'entries' and 'hash',
+    or None if there are no entries or the first entry does not name a previous log.
     """
     for entry in entries[:1]:
         if (entry.kind, entry.subject) == (LOG, PREDECESSOR) and isinstance(entry.new, dict):
@@ -99,8 +99,9 @@ def logs_in(folder: Path) -> list[Path]:
 def name_predecessor(log: AuditLog, time: str, source: str) -> None:
     """Write the first entry of a new log, which names the previous log of the node `source`.
 
-    The previous log is the log in the same folder that `source` was the last to write. If there is
-    none, the new value of the entry is None. A log that contains entries is left unchanged.
+    The previous log is the other log of this node in the same folder whose last entry is the
+    latest. If there is no other log, the new value of the entry is None. A log that contains
+    entries is left unchanged.
 
     Raises `AuditError` if the entry cannot be written.
     """

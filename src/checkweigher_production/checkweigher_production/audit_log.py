@@ -35,7 +35,7 @@ from checkweigher_core.state_files import sync_folder
 FIRST_PREVIOUS = '0' * 64
 TORN = 'torn'
 MAX_LOG = 2**25  # largest size of a log, in bytes
-_Change = tuple[str, str, str, str, Any, Any]  # values of `Entry` from `time` to `new`
+_Change = tuple[str, str, str, str, Any, Any]  # values of the fields of `Entry`, `time` to `new`
 _HEAD = re.compile(rb'\{"sequence":(0|[1-9]\d{0,17}),"hash":"([0-9a-f]{64})"\}\n')
 
 
@@ -60,8 +60,9 @@ class Entry:
     new: Any  # new value, converted to JSON types
     previous: str  # SHA-256 of the previous entry, hexadecimal
     hash: str = ''  # SHA-256 of this entry, hexadecimal
-    who: str | None = None  # person, 'claimed:NAME' or 'graph:NODE', or None in old logs
-    why: str | None = None  # reason that the person has given or '', or None in old logs
+    # Author of the change: name of a person, 'claimed:NAME' or 'graph:NODE', or None in old logs.
+    who: str | None = None
+    why: str | None = None  # reason that the author has given or '', or None in old logs
 
     def line(self) -> bytes:
         """Return the line of the entry in the log."""
@@ -74,7 +75,10 @@ class Entry:
         return hashlib.sha256(_canonical(values)).hexdigest()
 
     def _values(self) -> dict[str, Any]:
-        """Return the fields in the order of the file. Old entries have no ``who`` and ``why``."""
+        """Return the fields in the order in which the file contains them.
+
+        Entries of old logs, in which `who` is None, have no fields ``who`` and ``why``.
+        """
         values = asdict(self)
         if self.who is None:
             del values['who'], values['why']
@@ -86,11 +90,11 @@ class Verification:
     """Result of verifying a log."""
 
     entries: tuple[Entry, ...]  # valid entries before the first fault
-    bad_line: int = 0  # number of the first faulty line, from 1, or 0 if there is none known
+    bad_line: int = 0  # number of the first faulty line, from 1, or 0 if no such line is known
     problem: str = ''  # 'changed', 'removed', 'inserted', 'cut' or 'seal'; empty for a valid log
     reason: str = ''  # description of the fault, or empty for a valid log
     torn: bytes = b''  # incomplete entry at the end of a valid log, or empty
-    sha256: str = ''  # SHA-256 of the file, hexadecimal, or empty if `verify` was given bytes
+    sha256: str = ''  # SHA-256 of the file, hexadecimal, which only `read_log` sets
 
     @property
     def whole(self) -> bool:
@@ -376,7 +380,8 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
         """Complete the log after a power loss or a kill during the last write.
 
         Write `LOG.head` if it lacks the last entry. If the log ends with a torn entry, append an
-        entry with the fingerprint of the torn bytes.
+        entry with the number and the SHA-256 of the torn bytes. Raises OSError or `AuditError` if
+        the log cannot be written.
         """
         if self._head != _head_line(self._count, self.last_hash):
             os.fsync(self._file)

@@ -130,12 +130,12 @@ def broken_seal(seals: Sequence[Seal], entries: Sequence[Entry]) -> str:
 def hold_to_seals(
     found: Verification, path: Path, key: Ed25519PublicKey
 ) -> tuple[tuple[Seal, ...], Verification]:
-    """Compare a log with its seals. Returns the seals, and `found` with the fault if there is one.
+    """Compare a log with its seals. Returns the seals and the result of verifying the log.
 
-    `found` is the result of verifying a valid log, and `path` is the file with the seals. The
-    fault has the problem 'seal'. A file that cannot be read or contains an invalid seal is also a
-    fault; the returned tuple of seals is then empty. Raises `AuditError` if the file does not
-    exist.
+    `found` is the result of verifying the log without its seals, which must be valid, and `path` is
+    the file with the seals. If a seal does not fit the log, the returned result has the problem
+    'seal' and the reason. The same applies if the file cannot be read or contains an invalid seal;
+    the returned tuple of seals is then empty. Raises `AuditError` if the file does not exist.
     """
     if not path.exists():
         raise AuditError(f'{path}: there are no seals; name the file of the seals with --seals')

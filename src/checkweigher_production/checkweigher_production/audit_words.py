@@ -68,9 +68,10 @@ def changes(entry: Entry) -> list[tuple[str, Any, Any]]:
 
 
 def shortened(value: Any, widest: int | None = _WIDEST) -> str:
-    """Return a value as printable text with at most `widest` characters (None: any number).
+    """Return a value as printable text with at most `widest` characters.
 
-    The value None becomes a dash.
+    A longer text is cut, and ends with three dots. If `widest` is None, the text is not cut. The
+    value None becomes a dash.
     """
     text = '-' if value is None else value if isinstance(value, str) else json.dumps(value)
     text = text if text.isprintable() else repr(text)

@@ -42,13 +42,14 @@ from checkweigher_production.audit_log import Entry
 from checkweigher_production.recipes import product_of
 
 SUFFIX = '.jsonl'
-_LONGEST = 200  # largest number of characters of a batch name in a file name
+_LONGEST = 200  # largest number of characters of a file name without suffix
 _RETRY = 1.0  # time in s between two attempts to write
 _LONGEST_LINE = 2**16  # largest number of bytes in a line
-_HASH = re.compile(rb',"hash":"([0-9a-f]{64})"}\n')  # end of a line with its hash
+_HASH = re.compile(rb',"hash":"([0-9a-f]{64})"}\n')  # pattern of the end of a line with a hash
 _HASH_SIZE = 76  # number of bytes that `_HASH` matches
-BEGUN, CONTINUED, WRITTEN = 'begun', 'continued', 'written'  # events in the audit log
-STOPPED, ENDED = 'stopped', 'ended'  # further events in the audit log
+# Events of a record state in the audit log.
+BEGUN, CONTINUED, WRITTEN = 'begun', 'continued', 'written'
+STOPPED, ENDED = 'stopped', 'ended'
 _Record = TypeVar('_Record', Verdict, FillerFeedback)
 
 

@@ -26,11 +26,11 @@ _RUN = 7
 class ControlChart:
     """Means and standard deviations of subgroups, with centre lines and limits, in kg."""
 
-    means: NDArray[np.float64]  # shape (number of subgroups,)
-    std_devs: NDArray[np.float64]  # shape (number of subgroups,)
+    means: NDArray[np.float64]  # mean of each subgroup, (groups,)
+    std_devs: NDArray[np.float64]  # standard deviation of each subgroup, (groups,)
     centre: float  # centre line of the means
     lower: float  # lower limit of the means
-    upper: float  # upper limit of the means
+    upper: float  # upper limit of the means.
     # Centre line of the standard deviations.
     spread: float
     # Upper limit of the standard deviations.
@@ -47,11 +47,11 @@ def control_chart(
     Successive masses form subgroups of `SUBGROUP` masses. Masses after the last full subgroup are
     ignored. Returns None if `masses` or `reference` contains fewer than two subgroups. The masses
     of the `reference` period, by default all masses, set the limits, so that the limits do not
-    follow a process that drifts. The limits of the means are three standard deviations of a
-    subgroup mean below and above their centre line. The upper limit of the subgroup standard
-    deviations is three standard deviations of such a subgroup standard deviation above their
-    centre line. Both are estimated from the mean of the subgroup standard deviations (factors A3
-    and B4 of ISO 7870-2, table 2).
+    follow a process that drifts. The limits of the means are their centre line minus and plus three
+    times the standard deviation of a subgroup mean. The upper limit of the subgroup standard
+    deviations is their centre line plus three times the standard deviation of a subgroup standard
+    deviation. These limits are computed from the mean of the subgroup standard deviations, with the
+    factors A3 and B4 of ISO 7870-2, table 2.
 
     Examples
     --------

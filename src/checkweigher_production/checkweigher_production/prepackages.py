@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from checkweigher_core.records import GRAMS
 from checkweigher_dsp.rejection.batch_rules import ROUNDING
 
-MAX_SHARE_BELOW_TU1 = 0.025  # largest fraction of a batch that may be below TU1
+MAX_SHARE_BELOW_TU1 = 0.025  # largest fraction of a batch that may be below TU1.
 # Range of nominal quantities in kg for which the directive has limits.
 SMALLEST, LARGEST = 0.005, 10.0
 # Smallest number of empty packages from which a tare is determined, and ratio of tare to nominal

@@ -71,7 +71,8 @@ class ProductionStatistics:
         """
         if self.product is None:
             return False
-        # An unknown value (NaN) is not counted, because such an item has another fault.
+        # An unknown value (NaN) counts as within the limits, because such an item already has
+        # another fault.
         length = _outside(estimate.product_length, self.product.length)
         speed = _outside(estimate.belt_speed, self.product.speed)
         self._length_faults += length
@@ -128,8 +129,8 @@ class ProductionRecord:
         self.product: Product | None = None
         self._all: dict[tuple[str, str], ProductionStatistics] = {}
         self._tallies: dict[tuple[str, str], BatchTally] = {}
-        # Item number, t1 and t3 of the last items without a product. The topic verdict keeps the
-        # same number of messages for a restarted node.
+        # Item number, t1 and t3 of the last items without a product. As many items are kept as the
+        # topic verdict keeps messages, because a restarted node receives these messages again.
         self._without_product = deque[tuple[int, int | None, int | None]](maxlen=1000)
         self._std_devs = deque[float](maxlen=_LATEST)  # standard deviations of masses, in kg
 

@@ -22,7 +22,7 @@ from checkweigher_production.recipes import NODES, Product
 
 @dataclass(eq=False)
 class LineRecipe:
-    """Setter of limits and parameters of the selected product, in all nodes or in none.
+    """Setter of the limits of the selected product, and of its parameters in all nodes or in none.
 
     A product is "on the line" when it is published to the reject node. While the parameters of the
     nodes are set, no product is on the line, and the reject node accepts no item. After each
@@ -57,7 +57,7 @@ class LineRecipe:
         # Values of the parameters before any recipe, by node. A parameter gets this value again
         # when a product is selected whose recipe does not set the parameter.
         self._base: dict[str, Values] = {}
-        self._set: dict[str, Values] = {}  # values for the selected product, by node
+        self._set: dict[str, Values] = {}  # values for the selected product, by node.
         # Nodes that were started after the parameters of the product were last set in them.
         self._restarted: set[str] = set()
 
@@ -140,9 +140,10 @@ class LineRecipe:
         self._restarted -= restarted
 
     async def _check_speed(self, product: Product) -> None:
-        """Check that the largest belt speed of a product is at least that of the segmenter.
+        """Check that the segmenter weighs items at the largest belt speed of a product.
 
-        Raises `RefusedError` if it is below `min_belt_speed`, or if the segmenter does not answer.
+        Raises `RefusedError` if this speed is below the parameter `min_belt_speed` of the
+        segmenter, or if the segmenter does not answer.
         """
         slowest: Any = await self.line.get('segmenter', ['min_belt_speed'])
         if product.speed[1] < slowest['min_belt_speed']:
@@ -187,10 +188,10 @@ class LineRecipe:
     ) -> None:
         """Set parameters while no product is on the line, and then put `product` on the line.
 
-        Without `values`, the previous product stays on the line until then. Raises `RefusedError`
-        if a node refuses a parameter or does not answer. If the nodes then still have their
-        previous parameters, `otherwise` is put on the line. If parameters were changed, no product
-        is on the line.
+        If `values` is empty, the previous product stays on the line until `product` replaces it.
+        Raises `RefusedError` if a node refuses a parameter or does not answer. If the nodes then
+        still have their previous parameters, `otherwise` is put on the line. If parameters were
+        changed, no product is on the line.
         """
         try:
             if values:

@@ -118,8 +118,8 @@ class LineSelection:
     async def select_at_start(self) -> bool:
         """Select the product of the stored selection, or `first` without a stored selection.
 
-        If only this node was restarted, the product on the line remains selected. Returns whether
-        this call has completed the selection at the start, and with a product.
+        If only this node was restarted, the product on the line remains selected. Returns True if
+        this call has completed the selection at the start with a product, and otherwise False.
 
         The method must be called repeatedly, because it has no effect while nodes are missing or
         their parameters have not been read.

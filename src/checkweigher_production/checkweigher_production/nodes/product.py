@@ -35,7 +35,7 @@ from checkweigher_production.nodes.performance import LineTest
 
 _PATIENCE = 2.0  # longest wait in s for an answer of another node
 _POLL_PERIOD = 0.5  # period in s of the timers below, except that of _NOTE_PERIOD
-_NOTE_PERIOD = 3600.0  # time in s between two entries of the record in the audit log
+_NOTE_PERIOD = 3600.0  # time in s between two audit log entries on the state of the batch record
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,8 @@ class ProductNode(StageNode[ProductParameters]):
     """Node that manages recipes, batches, production statistics, alarms and the audit log."""
 
     def __init__(self, overrides: dict[str, object] | None = None) -> None:
-        self._files = ExitStack()  # created first, because `destroy_node` always closes the files
+        # Created first, because `destroy_node` closes it even if the rest of this method fails.
+        self._files = ExitStack()
         super().__init__(ProductParameters, read_only=True, overrides=overrides)
         known, name = self.parameters, self.get_fully_qualified_name()
         self._host_clock = HostClock()
@@ -161,9 +162,9 @@ class ProductNode(StageNode[ProductParameters]):
     async def _answer(self, response: Any, work: Awaitable[Any], failed: str) -> str:
         """Await the work of a service, and return the message of its response.
 
-        `work` returns the statistics of a finished batch, which are added to `response`, a message,
-        or None. The message of the response is empty unless `work` returns a message. If `work`
-        fails, a warning that begins with `failed` is logged, and ValueError is raised.
+        `work` returns a message, None, or the statistics of a finished batch. Statistics are added
+        to `response`. The message of the response is empty unless `work` returns a message. If
+        `work` fails, a warning that begins with `failed` is logged, and ValueError is raised.
         """
         try:
             made = await work
@@ -197,7 +198,7 @@ class ProductNode(StageNode[ProductParameters]):
         return await self._answer(response, begin_or_cancel(author), 'performance test')
 
     async def _advance_recipe(self) -> None:
-        """Select the product at the start of the line, and go on with the performance test.
+        """Select the product at the start of the line, and update the performance test.
 
         In nodes that were restarted, set the parameters of the product again.
         """

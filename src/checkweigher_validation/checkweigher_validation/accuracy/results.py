@@ -123,7 +123,7 @@ def weigh_stretches(
     stretches = iter(stretches)
     first = next(stretches)
     joiner = ResultJoiner((), ())
-    waiting: list[Weighing] = []  # weighings without a final result, sorted by item number
+    waiting: list[Weighing] = []  # weighings without a final result, sorted by item number.
     # Time in ns up to which all events are known, and number of the next item.
     known, following = -1, 1
 

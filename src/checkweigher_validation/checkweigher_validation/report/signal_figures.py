@@ -13,7 +13,7 @@ from checkweigher_core.records import GRAMS
 from checkweigher_validation.accuracy.examples import Example
 from checkweigher_validation.report import inline_svg as svg
 
-MILLISECONDS = 1000.0  # milliseconds in a second
+MILLISECONDS = 1000.0  # milliseconds in a second.
 
 # Numbers of the series whose colours do not belong to an estimator.
 SIGNAL, HARD, SOFT, SHRINKAGE = 90, 91, 92, 93
@@ -21,7 +21,7 @@ _THRESHOLDINGS = {'hard': HARD, 'soft': SOFT, 'shrinkage': SHRINKAGE}
 
 _SPECTRUM_LIMIT = 120.0  # highest frequency in the figure of the spectrum, in Hz
 _SPECTRUM_POINTS = 8192  # smallest FFT length
-_ENERGY_SHARE = 0.99  # fraction of the energy below the frequency that the figure marks
+_ENERGY_SHARE = 0.99  # fraction of the energy below the frequency that the figure marks.
 
 # Coordinates of a note at the upper edge of a diagram, with an offset in points.
 _AT_TOP: Any = {'xycoords': ('data', 'axes fraction'), 'textcoords': 'offset points'}

@@ -19,7 +19,7 @@ from checkweigher_validation.accuracy.errors import overall_index
 _FEWEST_OF_A_MASS = 5
 _FEWEST_FOR_OFFSET = 6  # smallest number of passes from which an offset is fitted beside the gain
 _DISTINCT_MASSES = 1.2  # masses are distinct above this ratio of the heaviest to the lightest
-_FOLDS = 5  # number of folds of `held_out_errors`
+_FOLDS = 5  # number of folds of `held_out_errors`.
 # Rate of the exponential prior of the share of the variance that is proportional to mass**2. On
 # [0, 1], the mean of this prior is 0.4.
 _PRIOR = 1.2

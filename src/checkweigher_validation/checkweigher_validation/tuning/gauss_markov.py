@@ -41,7 +41,7 @@ _FIRST_ORDER = 40
 _PASSES_FOR_PLATFORM = 20  # number of passes of each speed to fit the platform
 _PASSES_FOR_START = 4
 _FREQUENCIES = np.geomspace(8.0, 120.0, 28)  # natural frequencies in Hz to start the fit with
-_LEAST_NOISE = 1e-9  # smallest peak-to-peak value in kg of a signal that is considered noisy
+_LEAST_NOISE = 1e-9  # smallest peak-to-peak value in kg of a signal that is considered noisy.
 # Wide prior standard deviations in kg of the four oscillation coefficients and of the zero.
 _FREE = (1.0, 1.0, 1.0, 1.0, 1.0)
 # Bounds of the fitted values: ln(natural frequency in Hz), ln(damping ratio), ln(moving mass /

@@ -47,7 +47,7 @@ from checkweigher_validation.accuracy.passes import SpeedGroup
 from checkweigher_validation.tuning.calibration import are_distinct, calibrate
 from checkweigher_validation.tuning.tunables import Tunable
 
-_LONGEST_LEAD = 0.75  # longest used signal before t1, as a multiple of t3 - t1
+_LONGEST_LEAD = 0.75  # longest used signal before t1, as a multiple of t3 - t1.
 # Quantile of the gaps before the products of the training passes at a speed that counts as the gap
 # of these passes.
 _ALONE = 0.02

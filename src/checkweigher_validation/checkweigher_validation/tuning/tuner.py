@@ -68,7 +68,7 @@ class TunedSpeed:
     zero_std_dev: float  # median standard deviation of the zero in kg
     index: float  # A on the training passes in kg
     masses: tuple[float, ...]  # true mass of each pass in kg, in order of entry
-    held_out_index: float = math.nan  # A of the held-out errors in kg, NaN if not computed yet
+    held_out_index: float = math.nan  # A of the held-out errors in kg, NaN if not computed yet.
     # Error of each held-out pass in kg, in order of entry, or empty if not computed yet.
     held_out_errors: tuple[float, ...] = ()
 

@@ -51,13 +51,13 @@ WARM_UP_MINUTES = (0.0, 5.0, 15.0, 30.0)
 LEVEL = 0.95  # confidence level of the intervals whose coverage is reported
 
 _CLOSE = 1.25  # largest ratio of a load to Min, or of Max to a load, that counts as close
-_THIRD = (0.25, 0.5)  # smallest and largest load that counts as a third of Max, relative to Max
+_THIRD = (0.25, 0.5)  # smallest and largest load that counts as a third of Max, relative to Max.
 # Largest expanded uncertainty of a reference mass, relative to the error limit of its steps.
 _REFERENCE_SHARE = 1 / 3
-_SAME_SPEED = 0.05  # largest relative deviation of the median belt speed from the planned one
+_SAME_SPEED = 0.05  # largest relative deviation of the median belt speed from the planned one.
 # Kinds of steps for which OIML R 51-1 requires a number of weighings.
 _COUNTED = StepKind.PASSES, StepKind.ECCENTRICITY, StepKind.REPEATABILITY
-_LATE = 1.0  # largest deviation from a planned warm-up time in min
+_LATE = 1.0  # largest deviation from a planned warm-up time in min.
 # Reading of the zero at calibration, which is 0 because readings are relative to it.
 _CALIBRATED = AtRest(0.0, 0.0, 0.0, 0)
 

@@ -28,7 +28,7 @@ from checkweigher_validation.accuracy.classes import (
 EXAMPLE = (files(__package__) / 'example_plan.yaml').read_text(encoding='utf-8')
 LONGEST = 10_000  # largest number of characters of a plan
 MINUTE = 60.0  # seconds in a minute
-PLANS, VERIFICATIONS = 'plans', 'verifications'  # subfolders of the folder of a machine
+PLANS, VERIFICATIONS = 'plans', 'verifications'  # names of subfolders of the machine folder.
 
 # Factor by which a mass may exceed a limit, so that rounding errors do not exclude an equal mass.
 _ROUNDING = 1 + 1e-9

@@ -53,7 +53,7 @@ class Step:
     load: Mass | None = None
     speed: float | None = None  # belt speed in m/s, or None for a reading at rest
     count: int = 0  # planned number of passes, 0 for a reading at rest
-    position: str = ''  # name of the position across the belt, empty except for eccentricity
+    position: str = ''  # name of the position across the belt, empty except for eccentricity.
     # Planned time in min after the first step of the warm-up, or None in other tests.
     minutes: float | None = None
 
