@@ -39,7 +39,8 @@ class _Cluster(Workers):
         self._client = client
         self._addresses = addresses
         self._executor: Executor = client.get_executor(pure=False, workers=addresses)
-        # Time in s at which a check first found no worker. None if the last check found a worker.
+        # Monotonic time in s of the first check that found no worker since a worker was last found,
+        # or None if the last check found a worker or there was no check yet.
         self._gone: float | None = None
 
     def submit(self, job: Job, alone: bool) -> Future[Any]:

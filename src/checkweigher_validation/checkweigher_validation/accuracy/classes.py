@@ -12,12 +12,13 @@ smallest and the largest load that a machine may weigh.
 The classes, class factors (4.2), values of e, and maximum permissible errors of both categories at
 initial verification are from Directive 2014/32/EU (MID), Annex VIII, Chapter II, and UK SI
 2016/1153, Schedule 1G. Chapter II, Table 1, "Static", of UK SI 2016/1153 lists the maximum
-permissible errors of category Y at rest. Those at rest in service are from NI SR 2006/154, Schedule
-5, Table 2. The smallest Min of Y(a) and Y(b) is from UK SI 2003/2761, Schedule 1. The rule on the
-prepackages that a class may check is from the German FPackV of 2020, Annex 7, 1 b. The table of the
-largest e in FPackV is not used. Two sets of limits are quoted from memory and were not compared
-with the text of R 51: the maximum permissible errors of category Y for weighing in motion in
-service, and the maximum permissible standard deviations for loads above 300 g.
+permissible errors of category Y at rest. The maximum permissible errors of category Y at rest in
+service are from NI SR 2006/154, Schedule 5, Table 2. The smallest Min of Y(a) and Y(b) is from UK
+SI 2003/2761, Schedule 1. The rule on the prepackages that a class may check is from the German
+FPackV of 2020, Annex 7, 1 b. The table of the largest e in FPackV is not used. Two sets of limits
+are quoted from memory and were not compared with the text of R 51: the maximum permissible errors
+of category Y for weighing in motion in service, and the maximum permissible standard deviations for
+loads above 300 g.
 
 Nothing here is type-approved for legal metrology. A result applies to a simulation or a test run,
 and is no evidence that a machine conforms to the directive.

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Columns of the results of items, and their CSV file."""
+"""Columns of a table of item results, and the CSV file with these columns."""
 
 from collections.abc import Callable, Iterable, Iterator
 import csv
@@ -28,7 +28,7 @@ class ColumnType(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """Column of a table of results."""
+    """Column of a table of item results."""
 
     name: str
     kind: ColumnType
@@ -95,7 +95,7 @@ def rows_as_csv(rows: Iterable[Iterable[object]]) -> Iterator[str]:
     A text that a spreadsheet would evaluate as a formula, for example because it begins with =, is
     prefixed with an apostrophe.
     """
-    # The method `writerow` returns the result of `write`, which is the line.
+    # Return the line from `write`, because `writerow` returns the result of `write`.
     file: Any = SimpleNamespace(write=str)
     writer = csv.writer(file, lineterminator='\n')
     for row in rows:

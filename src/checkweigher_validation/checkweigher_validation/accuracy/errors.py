@@ -121,7 +121,7 @@ class Evaluation:
     ) -> tuple[ConditionResult, ...]:
         """Return the conditions with the given values. Speed is in m/s, and mass is in kg.
 
-        A value of None selects all.
+        None selects the conditions with any value.
         """
         return tuple(
             one

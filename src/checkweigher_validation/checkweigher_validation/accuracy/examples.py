@@ -61,7 +61,7 @@ def simulated_examples(
     """Return a simulated pass of a product of `mass` in kg at each of the `speeds` in m/s.
 
     `profile` is the name of the simulated machine in `PROFILES`, and `seed` is the seed of the
-    simulation. `parameters` are those of the segmenter and of the denoising.
+    simulation. `parameters` contains the parameters of the segmenter and of the denoiser.
     """
     segmenter = replace(parameters.segmenter, trail_time=_TRAIL)
     platform = Platform(PROFILES[profile].natural_frequency, DAMPING_RATIO, MOVING_MASS)

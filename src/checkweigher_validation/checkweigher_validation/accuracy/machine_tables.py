@@ -41,7 +41,10 @@ class MachineResult:
 
 @dataclass(frozen=True, slots=True)
 class FamilyRow:
-    """Results of one estimator on all machines. A ratio is that of A to the attainable A."""
+    """Results of one estimator on all machines.
+
+    A ratio is the overall index A of the estimator divided by the attainable A.
+    """
 
     estimator: str
     cells: tuple[tuple[float, float], ...]  # mean and largest ratio at each speed, then overall

@@ -61,7 +61,7 @@ def paper_index(estimator: str, speed: float | None = None) -> float:
 
 
 def has_paper_masses(evaluation: Evaluation) -> bool:
-    """Return whether the masses of an evaluation are exactly those of the paper, in kg."""
+    """Return whether the masses of an evaluation are those of the paper, except for rounding."""
     return _all_same(evaluation.masses, PAPER_MASSES)
 
 

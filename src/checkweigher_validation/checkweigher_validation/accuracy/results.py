@@ -73,7 +73,7 @@ class ResultJoiner:
     def is_complete(self, estimate: MassEstimate, known: int) -> bool:
         """Return whether t4 and the known mass of an item are final.
 
-        All events with a time before `known` in ns must have been added.
+        The caller must have added all events with a time before `known` in ns.
         """
         return (estimate.t1 is None or estimate.t1 + SAME_ITEM < known) and (
             estimate.t3 is None
@@ -83,8 +83,8 @@ class ResultJoiner:
     def _t4(self, t3: int | None) -> int | None:
         """Return the time in ns at which the outfeed eye clears after `t3`.
 
-        Returns None if `t3` is None, or if the outfeed eye has no edge after `t3`, or if its next
-        edge does not clear it but marks that an item blocks it.
+        Returns None if `t3` is None, if the outfeed eye has no edge after `t3`, or if its next edge
+        marks that an item begins to block it.
         """
         if t3 is None:
             return None

@@ -103,7 +103,7 @@ def coverage_table(conditions: Iterable[ConditionResult], title: str) -> list[st
     """Return the lines of a table with the coverage of the 95 % intervals in %, by speed and mass.
 
     Conditions of the same speed and mass are combined. The list is empty for fewer than two masses,
-    and for more than ten masses, because each of them then has few passes.
+    and for more than ten masses, because each mass then has few passes.
     """
     there = tuple(conditions)
     masses = distinct(one.mass for one in there)
@@ -153,7 +153,7 @@ def _values(one: ConditionResult) -> dict[str, Any]:
 
 
 def plain_values(value: Any) -> Any:
-    """Return a value in a form for JSON.
+    """Convert a value to the types that JSON has.
 
     Numbers that are not finite become None, and tuples and arrays become lists.
     """

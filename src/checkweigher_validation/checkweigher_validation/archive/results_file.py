@@ -94,9 +94,9 @@ def finish(writer: pq.ParquetWriter, origin: Origin, summary: BagSummary) -> Non
 
 
 def read_origin(path: Path) -> tuple[Origin, BagSummary] | None:
-    """Return origin and summary in a file of results.
+    """Return the origin and the summary that a results file contains.
 
-    Returns None if the file does not exist, is not complete, or is not a file of results.
+    Returns None if the file does not exist, is not complete, or is not a results file.
     """
     with suppress(OSError, pa.ArrowException, KeyError, TypeError, ValueError):
         found = json.loads(pq.read_metadata(path).metadata[_KEY.encode()])

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Batch of items: made from weighed items, or read from a batch record or a CSV file of `weigh`."""
+"""Batch of items, from weighed items, a batch record, or a CSV file of the command `weigh`."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
@@ -42,7 +42,7 @@ _MOST_FAULTS = 3  # largest number of reported faults in the counts of a record
 
 
 class BatchError(ValueError):
-    """Raised if a file is not a batch.
+    """Raised if a CSV file is not a valid batch.
 
     The message contains the file, the fault and, if a row is at fault, the number of its line.
     """
@@ -171,7 +171,7 @@ def of_results(name: str, source: str, results: Sequence[ItemResult], product: P
 
 
 def read_csv(path: Path, product: Product) -> Batch:
-    """Return the batch in a CSV file of `weigh` or `replay`.
+    """Return the batch in a CSV file of the command `weigh` or `replay`.
 
     All items belong to `product`. Raises `BatchError` if the file lacks a column or a row is not
     valid, and OSError if the file cannot be read.

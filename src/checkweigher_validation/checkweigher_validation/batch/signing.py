@@ -49,7 +49,7 @@ class Signable:
     subject: str  # subject of the audit log entries with its signatures
     batch: str | None  # name of the batch, None for an entry
     sha256: str  # SHA-256 of the record or of the entry, hexadecimal
-    persons: int  # number of persons who must have signed when it is released
+    persons: int  # number of persons who must have signed when the record or entry is released
     signatures: tuple[Signature, ...] = ()
 
     def signature(self, key: Ed25519PrivateKey, meaning: str, who: str, time: str) -> Signature:
@@ -67,8 +67,9 @@ class Signable:
 def signable_batch(record: Path, log: Path | None = None) -> Signable:
     """Return the batch of a record, to be signed.
 
-    Raises `SigningError` if the batch has not ended or the record cannot be trusted, and the
-    exceptions of `read_recorded`.
+    `log` is the audit log as in `read_recorded`. Raises `SigningError` if the batch has not ended
+    or the record cannot be trusted, `RecordError` if the record cannot be read, and `AuditError` if
+    the log cannot be read.
     """
     batch = read_recorded(record, log)
     title = f'batch {one_line(batch.name)}'

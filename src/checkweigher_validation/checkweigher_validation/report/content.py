@@ -135,9 +135,10 @@ class Content:
         return [judge(one, self._class).passed for one in self.conditions(estimator=name)]
 
     def best_by_speed(self) -> list[float]:
-        """Return the smallest A in kg of all estimators at each speed, and on average.
+        """Return the smallest mean A in kg of all estimators at each speed, then over all speeds.
 
-        Estimators whose A is NaN are ignored. The smallest A is NaN if A is NaN for all estimators.
+        A mean is over the conditions of an estimator. Estimators whose mean is NaN are ignored. The
+        smallest mean is NaN if the means of all estimators are NaN.
         """
         speeds = (*self._evaluation.speeds, None)
         rows = [[self.mean(estimator=name, speed=at).index for at in speeds] for name in self.looks]

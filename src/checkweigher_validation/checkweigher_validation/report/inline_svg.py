@@ -38,7 +38,11 @@ def stand_in(number: int) -> str:
 
 
 def new_figure(height: float, rows: int = 1, columns: int = 1, **more: Any) -> tuple[Figure, Any]:
-    """Return a figure with the width of the page and a height in inches, and its panels."""
+    """Return a figure as wide as the page, and its panels.
+
+    `height` is the height in inches. The panels are those that `Figure.subplots` returns for the
+    arguments `rows` and `columns` and the keywords `more`.
+    """
     figure = Figure(figsize=(9.6, height))
     return figure, figure.subplots(rows, columns, **more)
 

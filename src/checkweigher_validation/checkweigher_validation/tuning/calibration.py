@@ -42,7 +42,7 @@ class Uncertainty:
     """Uncertainty with the variance ``std_dev**2 + (relative * mass)**2``."""
 
     std_dev: float  # standard deviation in kg of the part that does not depend on the mass
-    relative: float  # standard deviation of the part that is proportional to the mass, per mass
+    relative: float  # standard deviation, relative to the mass, of the part proportional to it
 
 
 def calibrate(estimates: NDArray[np.float64], masses: NDArray[np.float64]) -> Calibration:

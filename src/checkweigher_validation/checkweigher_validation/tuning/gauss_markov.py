@@ -60,10 +60,11 @@ class TunedGaussMarkov(Tunable):
 
     @classmethod
     def prepare(cls, groups: Sequence[SpeedGroup], base: LineParameters) -> LineParameters:
-        """Return `base` with a platform fitted to the passes of all speeds if this lowers A.
+        """Return `base` with a platform fitted to the passes of all speeds, if this lowers A.
 
-        Otherwise the estimator has no platform model: its parameter `sample_rate` is set to 0.
-        Raises `TuningError` if the passes are too short or have no noise.
+        A is computed on held-out passes. If the platform model does not lower it, the estimator has
+        no platform model: its parameter `sample_rate` is set to 0. Raises `TuningError` if the
+        passes are too short or have no noise.
         """
         sample_rate = groups[0].passes[0].window.sample_rate
         known = replace(base.identifier.gauss_markov, sample_rate=sample_rate)

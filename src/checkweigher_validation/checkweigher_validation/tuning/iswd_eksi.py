@@ -62,7 +62,10 @@ class TunedIswdEksi(Tunable):
         return np.array([each.mass if is_stable(each.a1, each.a2) else math.nan for each in loads])
 
     def lists(self, values: Mapping[str, float]) -> dict[str, tuple[float, ...]]:
-        """Return the shrinkage and platform parameters of the denoiser, and the rise noise."""
+        """Return the shrinkage and platform parameters of the denoiser, and the rise noise.
+
+        A key has the form ``node.name``. The platform parameters have one value for all speeds.
+        """
         denoise = self._denoise(values)
         return {
             **{f'denoise.{name}': getattr(denoise, name) for name in (*_BANDS, *_PLATFORM)},

@@ -12,14 +12,14 @@ identity matrix I is that of white noise. E is a sum over the other speeds: R'R 
 positions on the belt, divided by the mean of the variances of R at that speed. K_r, K_j and K_b are
 models of the covariance of three disturbances: damped swings that begin during the entry or at t2,
 jitter of the edges (the curve moved or stretched), and an uneven rise (a Brownian bridge from t1 to
-t2). The vector u is the change of the curve for a heavier product, whose oscillation is slower. It
-is 0 if the masses differ enough, because R then contains this change. z is twice the stated
-standard deviation of the zero. The error of the zero is nearly equal in successive passes, and thus
-not visible in R.
+t2). The vector u is the change of the curve for a heavier product, whose oscillation is slower. The
+vector u is 0 if the masses differ enough, because R then contains this change. z is twice the
+stated standard deviation of the zero. The error of the zero is nearly equal in successive passes,
+and thus not visible in R.
 
 The weights are averaged over a grid and random points of the coefficients. Each point is weighted
-by the likelihood of the passes, in which each pass is weighed with weights that are learned from
-the other passes. [own derivation]
+by its likelihood. The likelihood is computed from the errors of the passes, each of which is
+weighed with weights that are learned from the other passes. [own derivation]
 """
 
 from collections.abc import Mapping, Sequence

@@ -162,11 +162,12 @@ def _zero_for(
 ) -> AtRest | None:
     """Return the zero that is subtracted from a reading, or None for the first warm-up reading.
 
-    A load at rest uses the latest reading of the empty belt, and a warm-up reading uses the first
-    reading of the warm-up. The first reading after zeroing uses the last zero that was set before
-    it. All other readings use the last such first reading. If there is none of these, the zero of
-    the calibration is used. `zeroings` contains the zeros that were set, and `zeros` the valid
-    readings of the empty belt so far with the kinds of their steps.
+    For a load at rest, this is the latest reading of the empty belt. For a later reading of the
+    warm-up, it is the first reading of the warm-up. For the first reading after zeroing, it is the
+    last zero that was set before. For all other readings, it is the last reading of the step that
+    tests the zero after zeroing. Without any of these, it is the zero of the calibration.
+    `zeroings` contains the zeros that were set, and `zeros` the valid readings of the empty belt so
+    far with the kinds of their steps.
     """
     kind = attempt.step.kind
     if kind == StepKind.STATIC:
@@ -211,12 +212,11 @@ def _judge_passes(blank: Result, accuracy_class: AccuracyClass) -> Result:
     """Return the result of an attempt that consists of passes.
 
     In a test of repeatability, the standard deviation is limited in category X, and the spread in
-    category Y. In tests of warm-up and eccentricity, the error is limited. In tests outside the
-    range of dynamic setting, no pass may get a mass. In all other tests, the error is limited, and
-    in category X also the standard deviation. Outside the range, an attempt also fails if it has
-    fewer passes than planned. In all other tests, an attempt also fails if it has fewer weighings
-    than planned, if a pass got no mass, or if the median belt speed differs by more than 5 % from
-    that of the step.
+    category Y. In tests of warm-up and eccentricity, the error is limited. In a test of the kind
+    PASSES, the error is limited, and in category X also the standard deviation. An attempt at one
+    of these tests also fails if it has fewer weighings than planned, if a pass got no mass, or if
+    the median belt speed differs by more than 5 % from that of the step. A test outside the range
+    of dynamic setting fails if a pass got a mass, or if there are fewer passes than planned.
     """
     step, condition = blank.attempt.step, condition_of(blank.attempt)
     result = _with_figures(blank, condition)

@@ -159,7 +159,7 @@ def read_procedure(path: Path) -> Procedure:
 def item_passes(
     estimates: Iterable[MassEstimate], verdicts: Iterable[Verdict]
 ) -> tuple[ItemPass, ...]:
-    """Return a pass for each verdict, in order of its stamp, with the speed of its estimate.
+    """Return a pass for each verdict, in the order of their stamps, with the speed of its estimate.
 
     The speed is NaN if the verdict has no estimate.
     """
@@ -212,8 +212,8 @@ def _reading(recording: Recording, begin: int, end: int) -> AtRest:
     """Return the reading from the sample blocks that are completely between two times in ns.
 
     The reading is not valid if there are fewer than ``10 * BATCHES`` samples, if samples between
-    the blocks were lost, or if a sample is at an end of the range of the converter. It then has NaN
-    for all masses, and the reason.
+    the blocks were lost, or if a sample is at an end of the range of the converter. All masses are
+    then NaN, and `reasons` contains the first of these reasons that applies.
     """
     cell, blocks = recording.load_cell, BlockColumns.of(recording.blocks)
     durations = (blocks.lengths * (NANOSECONDS / cell.sample_rate)).astype(np.int64)

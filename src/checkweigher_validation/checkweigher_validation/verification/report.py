@@ -118,7 +118,10 @@ def as_json(report: Mapping[str, Any]) -> str:
 
 
 def _step(result: Result, first: Result | None = None) -> Values:
-    """Return the values of an attempt in the report. `first` is the first result of the warm-up."""
+    """Return the values of an attempt in the report.
+
+    `first` is the first result of the warm-up, or None if there is no warm-up.
+    """
     attempt, step = result.attempt, result.attempt.step
     after = None
     if first is not None and step.minutes is not None:
@@ -179,9 +182,10 @@ def _fault_between(item: ItemPass, attempts: Sequence[Attempt]) -> Values:
 
 
 def _in_grams(record: object, *names: str) -> Values:
-    """Return the fields `names` of a record in g, by the name with the suffix ``_g``.
+    """Return the fields `names` of a record in g, as a dict.
 
-    The values of the record are in kg. A value that is not finite becomes None.
+    A key is the name of a field with the suffix ``_g``. The fields of the record are in kg. A value
+    that is not finite becomes None.
     """
     return {f'{name}_g': _grams(getattr(record, name)) for name in names}
 
