@@ -77,7 +77,7 @@ def _last_hash(found: Verification) -> str:
 
 
 def predecessor_of(entries: Sequence[Entry]) -> dict[str, object] | None:
-    """Return the file name, number of entries and last hash of the previous log of a log.
+    """Return the file name, number of entries and last hash that a log states for the previous log.
 
     `entries` are the entries of the log. Returns a dict with the keys 'file', 'entries' and 'hash',
     or None if there are no entries or the first entry does not name a previous log.

@@ -59,7 +59,7 @@ class Entry:
     old: Any  # previous value, converted to JSON types, or None if there was none
     new: Any  # new value, converted to JSON types
     previous: str  # SHA-256 of the previous entry, hexadecimal
-    hash: str = ''  # SHA-256 of this entry, hexadecimal
+    hash: str = ''  # SHA-256 of this entry, hexadecimal.
     # Author of the change: name of a person, 'claimed:NAME' or 'graph:NODE', or None in old logs.
     who: str | None = None
     why: str | None = None  # reason that the author has given or '', or None in old logs

@@ -68,10 +68,10 @@ class AuditTrail:
     name of this node, and `clock` returns the time of an entry (ISO 8601, UTC). If `log` is None,
     the methods do not write anything.
 
-    `note`, `state`, `parameters` and `recipes` must be called before a change is made. If they
-    raise `AuditError`, the change must not be made. `saw` and `saw_state` are for changes that have
-    happened. If the log cannot be written at present, the entries of these changes are written
-    later. At most 1,000 entries wait; if there are more, the oldest are lost.
+    `note`, `state`, `parameters` and `recipes` must be called before a change is made. If one of
+    these methods raises `AuditError`, the change must not be made. `saw` and `saw_state` are for
+    changes that have happened. If the log cannot be written at present, the entries of these
+    changes are written later. At most 1,000 entries wait; if there are more, the oldest are lost.
     `trouble` is the reason why the last entry could not be written, or empty if it was written.
     """
 

@@ -46,7 +46,7 @@ _LONGEST = 200  # largest number of characters of a file name without suffix
 _RETRY = 1.0  # time in s between two attempts to write
 _LONGEST_LINE = 2**16  # largest number of bytes in a line
 _HASH = re.compile(rb',"hash":"([0-9a-f]{64})"}\n')  # pattern of the end of a line with a hash
-_HASH_SIZE = 76  # number of bytes that `_HASH` matches
+_HASH_SIZE = 76  # number of bytes that `_HASH` matches.
 # Events of a record state in the audit log.
 BEGUN, CONTINUED, WRITTEN = 'begun', 'continued', 'written'
 STOPPED, ENDED = 'stopped', 'ended'
@@ -122,7 +122,7 @@ def has_ended(value: Any) -> bool:
 
 
 def states_in(entries: Sequence[Entry], batch: str) -> list[RecordState]:
-    """Return the states of the record of a batch in the entries of an audit log."""
+    """Return the states of the record of `batch` that audit log entries contain, oldest first."""
     own = [each for each in entries if (each.kind, each.subject) == (RECORD, batch)]
     found = []
     for entry in own:
@@ -308,7 +308,8 @@ class RecordWriter:
     def write(self, kind: str, values: object) -> None:
         """Append a line with a verdict, a stop request, feedback to the filler, or a mapping.
 
-        `kind` is the kind of the line. If no record is open, the line is ignored.
+        `kind` is the kind of the line, such as 'verdict'. If no record is open, the line is
+        ignored.
         """
         self._submit(self._append, line_of(kind, values))
 

@@ -96,8 +96,8 @@ class FillerController:
         if self._on_the_way:
             self._on_the_way -= 1
             return None
-        # An item with the decision FAULT is ignored. It may have a mass, for example if it contains
-        # metal.
+        # Ignore an item with the decision FAULT, which may have a mass, for example if the metal
+        # detector has found metal in the item.
         if verdict.decision != Decision.FAULT and math.isfinite(verdict.mass):
             self._masses.append(verdict.mass - self._tare)
         if len(self._masses) < self._parameters.subgroup:

@@ -238,10 +238,11 @@ class Product(NanEqual, Settings):
     def unresolved(self, std_dev: float) -> str:
         """Return the reason why a scale cannot resolve the tolerances of the recipe, or ''.
 
-        `std_dev` is the stated standard deviation of a mass in kg. If it is NaN, the result is ''.
-        Twice this deviation may be at most a fifth of the tolerable negative error, as German
-        FPackV (Annex 7, 1 b) requires of the error of a scale. Three deviations, or the guard band
-        if it is wider, may be at most the distance of the nearer limit from nominal.
+        `std_dev` is the stated standard deviation of a mass in kg. If `std_dev` is NaN, the result
+        is ''. Twice this deviation may be at most a fifth of the tolerable negative error, as
+        German FPackV (Annex 7, 1 b) requires of the error of a scale. Without a tolerable negative
+        error, this rule does not apply. Three deviations, or the guard band if it is wider, may be
+        at most the distance of the nearer limit from nominal.
         """
         fifth = (self.nominal - self.tu1) / 5
         if 2 * std_dev > fifth:
@@ -293,7 +294,7 @@ def change_recipe(path: Path, name: str, keys: Mapping[str, Any] | None) -> None
 
     Comments in the file are lost. Raises `SettingsError` if a recipe is not valid, or if the
     product to remove does not exist or is the only one, and `OutputError` if the file cannot be
-    written. In both cases, the file is unchanged.
+    written. If one of these is raised, the file is unchanged.
     """
     with _locked(path):
         content = _content(path)
@@ -315,7 +316,7 @@ def replace_recipes(path: Path, text: str) -> None:
     """Replace the content of a recipe file by a text, which may contain comments.
 
     Raises `SettingsError` if a recipe is not valid, and `OutputError` if the file cannot be
-    written. In both cases, the file is unchanged.
+    written. If one of these is raised, the file is unchanged.
     """
     read_settings(text, RecipeFile)
     with _locked(path):
@@ -338,7 +339,10 @@ def _content(path: Path) -> dict[str, Any]:
 
 
 def product_of(values: Mapping[str, Any]) -> Product:
-    """Return the product in a line of a batch record. Raises `SettingsError` if it is not valid."""
+    """Return the product in a line of a batch record.
+
+    `values` contains the values of the line. Raises `SettingsError` if the product is not valid.
+    """
     return settings_of(Product, values, values.get('name'), newer=True)
 
 

@@ -42,7 +42,8 @@ class Selection(Settings):
     ) -> Self:
         """Return a selection of a batch and a product, with the limits in use.
 
-        It has no product if `product` or `limits` is None. `before` is the previous batch.
+        The selection has no product if `product` or `limits` is None. `before` is the name of the
+        previous batch.
         """
         if product is None or limits is None:
             return cls(batch=batch, before=before)

@@ -80,7 +80,7 @@ class ProductionStatistics:
         return length or speed
 
     def summary(self, batch: str = '') -> Statistics:
-        """Return the present statistics. `batch` is the name of the batch."""
+        """Return the statistics of all items so far, with `batch` as the name of their batch."""
         product = self.product or _NO_PRODUCT
         mean, count = self._masses.mean, self._masses.count
         share = math.nan if math.isnan(product.tu1) or not count else self._below_tu1 / count

@@ -28,8 +28,8 @@ class SchedulerError(ValueError):
 class _Cluster(Workers):
     """Workers of a cluster at the given addresses, or all workers if `addresses` is None."""
 
-    # This number exceeds the number of workers, so that no worker waits for a job. It is limited
-    # because the scheduler keeps the submitted jobs in memory.
+    # This number exceeds the number of workers, so that no worker waits for a job. The number is
+    # limited, because the scheduler keeps the submitted jobs in memory.
     ahead = 5000
 
     def __init__(self, client: Any, addresses: Sequence[str] | None) -> None:
@@ -50,7 +50,7 @@ class _Cluster(Workers):
         try:
             there = self._client.scheduler_info(n_workers=-1)['workers']
         except (OSError, TimeoutError):
-            return  # the jobs themselves report a lost connection
+            return  # ignored here, because the jobs themselves report a lost connection
         if self._client.status == 'closed':
             raise ClusterLostError(f'the cluster was lost: {_UNREACHABLE}')
         now = time.monotonic()

@@ -141,7 +141,7 @@ def run_jobs(
 
     A job is a function without parameters (see `functools.partial`). Jobs and results must be
     picklable. `n_jobs` is the number of processes on this machine, by default one for each core. If
-    it is 1, or if there is only one job, this process runs the jobs. In the context of
+    `n_jobs` is 1, or if there is only one job, this process runs the jobs. In the context of
     `jobs_done_by`, `n_jobs` is ignored. On a terminal, a progress bar with the label `doing` is
     shown. For this bar, `sizes` are proportional to the expected times of the jobs, which are equal
     by default. An exception of a job is raised again, and the remaining jobs are cancelled.

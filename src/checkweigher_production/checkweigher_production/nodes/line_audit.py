@@ -172,7 +172,7 @@ class LineAudit:
 
         A node that does not answer is read at the next call.
         """
-        with suppress(AuditError):  # the diagnostics show this fault
+        with suppress(AuditError):  # ignored here, because the diagnostics show this fault
             self.trail.catch_up()
         for node in ports.NODES:
             began = time.monotonic()

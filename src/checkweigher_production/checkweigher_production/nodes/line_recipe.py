@@ -27,7 +27,7 @@ class LineRecipe:
     A product is "on the line" when it is published to the reject node. While the parameters of the
     nodes are set, no product is on the line, and the reject node accepts no item. After each
     publication, the methods `set`, `change` and `restore` await the confirmation of the reject
-    node. They raise `RefusedError` if a node refuses a parameter or does not answer.
+    node. These methods raise `RefusedError` if a node refuses a parameter or does not answer.
 
     `line` is the client for the parameters of all nodes, `publish` publishes the product on the
     line, `clock` returns the time in ns, and `tally` returns the counts of a product in a batch.
@@ -87,7 +87,7 @@ class LineRecipe:
         # When this node starts, it adopts the product of the reject node with its limits.
         if product.product and (first or product.stamp == self.on_line.stamp):
             self.on_line = self.selected = product
-        elif first and not self.on_line.stamp:  # no product was selected since the start
+        elif first and not self.on_line.stamp:  # this node has not published a product yet
             self.selected = resumed
             self.put(None if waits else resumed)
         if product.stamp == self.on_line.stamp and not self._taken.done():

@@ -24,8 +24,8 @@ from checkweigher_validation.accuracy.tables import (
     json_conditions,
 )
 
-# Values of the field `estimator` in the results of a machine that are not names of estimators: for
-# the attainable accuracy, and for the estimator that the command `tune` chooses.
+# In the results of a machine, the field `estimator` contains the name of an estimator, ATTAINABLE
+# for the attainable accuracy, or CHOSEN for the estimator that the command `tune` chooses.
 ATTAINABLE, CHOSEN = 'attainable', 'chosen'
 
 

@@ -26,7 +26,7 @@ METRES_PER_MINUTE = 60.0  # m/min per m/s
 
 LEVELS = (0.68, 0.95)  # confidence levels of the intervals whose coverage is reported.
 
-_MOST_MASSES = 10  # largest number of masses in a table of coverages.
+_MOST_MASSES = 10  # largest number of masses in a coverage table.
 
 # Formats of the CSV columns that do not have six decimal places.
 _FORMATS = {

@@ -106,7 +106,7 @@ class Batch:
     def persons(self) -> int:
         """Number of persons who must have signed when the batch is released.
 
-        It is the largest `release_by` of the recipes, or 1 if the batch has no items.
+        The number is the largest `release_by` of the recipes, or 1 if the batch has no items.
         """
         return max((part.product.release_by for part in self.parts), default=1)
 

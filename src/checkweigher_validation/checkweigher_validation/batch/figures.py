@@ -91,7 +91,8 @@ def figures_of(part: Part, seed: int, plan: SamplingPlan = SamplingPlan.DOUBLE) 
 def _histogram(masses: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Return the counts and the edges of a histogram with bins by the Freedman-Diaconis rule.
 
-    The number of bins is at most 60, 1 if all masses are equal, and 0 if there are no masses.
+    The histogram has at most 60 bins, one bin if all masses are equal, and no bins if there are no
+    masses.
     """
     if not len(masses):
         return np.zeros(0, np.int64), np.zeros(0)

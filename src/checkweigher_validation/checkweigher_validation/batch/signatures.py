@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Electronic signatures on batches and audit log entries (21 CFR 11.50 and 11.70).
 
-A signature is an entry of the audit log. It contains the name of the person, the time, the meaning,
-and the SHA-256 of the record of a batch or of an entry such as a change of limits. These values are
-signed with an Ed25519 key that is derived from the password of the person. A signature is void if
-it is copied to another record or entry, or if the signed record or entry is changed afterwards.
+A signature is an entry of the audit log. The entry contains the name of the person, the time, the
+meaning, and the SHA-256 of a batch record or of another entry, such as a change of limits. These
+values are signed with an Ed25519 key that is derived from the password of the person. A signature
+is void if it is copied to another record or entry, or if the signed record or entry is changed
+afterwards.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

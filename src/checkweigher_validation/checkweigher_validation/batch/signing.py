@@ -53,7 +53,7 @@ class Signable:
     signatures: tuple[Signature, ...] = ()
 
     def signature(self, key: Ed25519PrivateKey, meaning: str, who: str, time: str) -> Signature:
-        """Return the signature of a person.
+        """Return the signature of a person on this record or entry.
 
         Raises `SigningError` if the signature is a release, and signatures of others are missing.
         """
@@ -157,7 +157,8 @@ def entry_signature_faults(
 ) -> Iterator[str]:
     """Yield a sentence for each void signature on an entry, also if the log lacks the entry.
 
-    `signers` contains the users by name. If it is None, the keys are not compared with the users.
+    `signers` contains the users by name. If `signers` is None, the keys are not compared with the
+    keys of the users.
     """
     known = set[str]()
     for each in signable_entries(entries):

@@ -14,8 +14,8 @@ adds noise and quantisation. All forces act on the platform, whose moving mass i
 product enters the belt.
 
 The vibration that the previous product has caused is assumed to be known. The change of s with the
-unknown mass is also assumed to be known. This change is a few parts in a thousand, and would give
-an estimator almost no information.
+unknown mass is also assumed to be known. The change of s is a few parts in a thousand, and would
+give an estimator almost no information.
 """
 
 from collections.abc import Callable
@@ -150,9 +150,10 @@ class _SimulatedPass:
         return np.asarray(np.outer(form, form), np.float64)
 
     def white_noise(self) -> NDArray[np.float64]:
-        """Return the covariance of broadband noise, floor vibration and converter noise.
+        """Return the covariance of all other noise, (n, n) in kg^2.
 
-        It has the shape (n, n) and is in kg^2.
+        This noise consists of the broadband noise, the vibration of the floor, and the noise and
+        quantisation of the converter.
         """
         covariance = self._shaken(self._broadband()) + self._shaken(self._floor())
         step = 1 / self._parameters.counts_per_kg

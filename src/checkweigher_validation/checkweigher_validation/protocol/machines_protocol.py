@@ -51,9 +51,9 @@ class MachinesProtocol:
 class MachineRun:
     """Passes of a machine at one speed in m/s, and the attainable accuracy on the test passes.
 
-    The weighing windows of `train` and `test` are cut by the photo-eyes alone. Those of
+    The weighing windows of `train` and `test` are cut by the photo-eyes alone. The windows of
     `train_untrained` and `untrained` are cut from the same passes as on a line without training,
-    where the edges are also compared with the rise of the load.
+    where the edges of the photo-eyes are also compared with the rise of the load.
     """
 
     speed: float

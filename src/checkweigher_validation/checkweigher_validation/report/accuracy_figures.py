@@ -24,7 +24,7 @@ _COLUMNS = 3
 def index_by_mass_figure(evaluation: Evaluation, part: str) -> Figure:
     """Draw A as a function of the mass, with a panel per speed (figure 11 of Long et al.)."""
     speeds, lines = evaluation.speeds, _lines(evaluation)
-    rows = math.ceil((len(speeds) + 1) / _COLUMNS)  # the additional panel is for the legend
+    rows = math.ceil((len(speeds) + 1) / _COLUMNS)  # one panel per speed, and one for the legend
     figure, grid = svg.new_figure(2.5 * rows, rows, _COLUMNS, squeeze=False)
     panels = grid.ravel()
     for number, (axes, speed) in enumerate(zip(panels, speeds, strict=False)):

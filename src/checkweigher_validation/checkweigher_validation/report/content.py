@@ -59,7 +59,7 @@ def number(value: float | None, digits: int = 3, sign: bool = False, unknown: st
     """
     if value is None or not math.isfinite(value):
         return unknown
-    # The addition converts -0.0 to 0.0.
+    # Add 0.0, which converts -0.0 to 0.0, because a zero must not be shown with a minus sign.
     return f'{round(value, digits) + 0.0:{"+" if sign else ""}.{digits}f}'.replace('-', '−')
 
 
@@ -163,7 +163,7 @@ class Content:
     def exceeded(self, condition: ConditionResult) -> str:
         """Return the symbols of the violated limits: μ (error), σ, and n (number of weighings).
 
-        They are separated by spaces. The text is empty if all limits are met.
+        The symbols are separated by spaces. The text is empty if all limits are met.
         """
         found = judge(condition, self._class)
         kept = (found.error_passed, found.std_dev_passed, found.enough_weighings)

@@ -29,8 +29,8 @@ from checkweigher_validation.tuning.calibration import held_out_errors, index
 from checkweigher_validation.tuning.search import Values
 from checkweigher_validation.tuning.tunables import Tunable, TuningError
 
-# Orders of the autoregression. An order of about 20 is needed to resolve a spectral line of the
-# rollers.
+# Orders of the autoregression that the search compares. An order of about 20 is needed to resolve a
+# spectral line of the rollers.
 ORDERS = (20, 40, 80, 120, 160, 200)
 _CHECKED_PASSES = 40  # number of passes of each speed to decide whether the platform model is used
 _CHECKED_ORDER = 40

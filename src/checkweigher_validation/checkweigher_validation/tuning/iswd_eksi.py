@@ -29,7 +29,7 @@ class TunedIswdEksi(Tunable):
     """
 
     def searched(self) -> tuple[Axis, ...]:
-        """Return the axes of the search.
+        """Return the axes of the search, one for each searched parameter.
 
         The axis of `gamma5` and that of each threshold are included if the value of the parameter
         in `base` is positive at this speed.
@@ -53,7 +53,10 @@ class TunedIswdEksi(Tunable):
         return float(np.interp(self.group.speed, known.speeds[: len(column)], column))
 
     def estimates(self, values: Mapping[str, float]) -> NDArray[np.float64]:
-        """Return the estimated load of each pass, (n,) in kg; NaN if the platform is unstable."""
+        """Return the estimated load of each pass, (n,) in kg.
+
+        The load is NaN if the platform model that is identified from the pass is unstable.
+        """
         passes = [each.window for each in self.group.passes]
         windows = Denoiser(self._denoise(values)).denoise_all(passes)
         own = {'rise_noise': (values['rise_noise'],), 'doubt': False}

@@ -48,8 +48,7 @@ from checkweigher_validation.tuning.calibration import are_distinct, calibrate
 from checkweigher_validation.tuning.tunables import Tunable
 
 _LONGEST_LEAD = 0.75  # longest used signal before t1, as a multiple of t3 - t1.
-# Quantile of the gaps before the products of the training passes at a speed that counts as the gap
-# of these passes.
+# The gap of the training passes at a speed is this quantile of the gaps before their products.
 _ALONE = 0.02
 _LESS = 0.95  # ratio of the gap required in production to that of the training passes
 _FEWEST = 3  # smallest number of passes from which weights are learned
@@ -165,7 +164,7 @@ def fit(known: Evidence, prior: Prior) -> CrossValidatedFit:
     """Fit weights for each point of the coefficients, and return the weighted mean of these fits.
 
     The weight of a point is its likelihood, which is computed from the errors of held-out passes
-    after gain and offset.
+    after a calibration of gain and offset.
     """
     masses, curve, residuals = known.masses, known.curve, known.residuals
     # Ratio of the residual of a pass from the curve of the other passes to its residual from the

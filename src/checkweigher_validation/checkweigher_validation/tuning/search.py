@@ -56,8 +56,8 @@ def search(
 ) -> tuple[Values, float]:
     """Search for the values with the smallest badness.
 
-    The search first evaluates the start values and the points of a Latin hypercube. It then runs
-    simplex searches (Nelder and Mead) from the best points that are not close to each other. The
+    The search first evaluates the start values and the points of a Latin hypercube. Simplex
+    searches (Nelder and Mead) then begin at the best points that are not close to each other. The
     rest of the budget is used for simplex searches from the best point of all.
 
     Parameters
@@ -126,8 +126,8 @@ def _best_apart(tried: Sequence[_Trial]) -> list[Point]:
 def _descend(at: Callable[[Point], float], origin: Point, step: float, evaluations: int) -> None:
     """Search for the best point by the method of Nelder and Mead, beginning at `origin`.
 
-    `evaluations` is the largest number of evaluations, which a simplex step may exceed. If it does
-    not exceed the number of corners of a simplex, nothing is evaluated.
+    `evaluations` is the largest number of evaluations, which a simplex step may exceed. If
+    `evaluations` does not exceed the number of corners of a simplex, nothing is evaluated.
     """
     from scipy.optimize import minimize  # imported late, because the import is slow
 

@@ -83,7 +83,7 @@ class Tunable:
         return search(axes, badness, budget)
 
     def searched(self) -> tuple[Axis, ...]:
-        """Return the axes of the search."""
+        """Return the axes of the search, one for each searched parameter."""
         return self.estimator.axes
 
     def start(self, axis: Axis) -> float:

@@ -19,9 +19,9 @@ The rules are:
 - Inside the range of dynamic setting, a step fails if a pass did not get a mass. This program adds
   this rule, because otherwise a machine could meet its limits by not weighing.
 
-The stated uncertainty of an error is an expanded uncertainty with k = 2. It combines the scatter of
-the passes, or the standard errors of the reading at rest and of its zero, with the uncertainty of
-the reference mass. The uncertainty is not subtracted from the limits.
+The stated uncertainty of an error is an expanded uncertainty with k = 2. This uncertainty combines
+the scatter of the passes, or the standard errors of the reading at rest and of its zero, with the
+uncertainty of the reference mass. The uncertainty is not subtracted from the limits.
 """
 
 from collections import Counter
@@ -388,8 +388,9 @@ def _foreign_cell(procedure: Procedure) -> Iterator[str]:
 def _foreign_device(plan: Plan, own: LoadCell) -> Iterator[str]:
     """Yield a sentence if a load cell is not that of the plan.
 
-    `own` is the load cell of the samples. Its serial number must be that of the load cell in the
-    plan or, because a digital load cell sends that of its amplifier, that of the amplifier.
+    `own` is the load cell of the samples. Its serial number must be that of the load cell or that
+    of the amplifier in the plan, because a digital load cell sends the serial number of its
+    amplifier.
     """
     planned = [str(each.get('serial', '')) for each in (plan.load_cell, plan.amplifier)]
     if own.serial_number not in filter(None, planned):

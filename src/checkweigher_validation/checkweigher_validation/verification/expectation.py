@@ -10,7 +10,7 @@ from checkweigher_validation.verification.evaluation import COVERAGE, ZERO_ACCUR
 from checkweigher_validation.verification.plan import MINUTE, Plan
 from checkweigher_validation.verification.steps import Step, StepKind, steps_of
 
-_NO_ERROR = StepKind.OUTSIDE, StepKind.REPEATABILITY  # steps whose error has no limit
+_NO_ERROR = StepKind.OUTSIDE, StepKind.REPEATABILITY  # kinds of steps without a limit of the error
 
 
 class Expected(NamedTuple):
@@ -49,8 +49,8 @@ def expected_uncertainties(plan: Plan, std_dev: float, zero: float = 0.0) -> Ite
 def expected_duration(plan: Plan, spacing: float) -> float:
     """Return the duration of a plan in s, if the products enter the belt `spacing` m apart.
 
-    The duration includes the waiting times of the warm-up. It does not include the time that a
-    person needs to place a load, to change the belt speed, or to answer.
+    The duration includes the waiting times of the warm-up. The time that a person needs to place a
+    load, to change the belt speed, or to answer is not included.
     """
     time = 0.0
     for step in steps_of(plan):

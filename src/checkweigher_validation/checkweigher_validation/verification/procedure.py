@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Reader of the bag of a verification, which contains the plan and the readings of each step."""
+"""Reader of verification bags. A bag contains the plan and the signals and results of each step."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -66,7 +66,7 @@ class ItemPass:
 
 @dataclass(frozen=True, slots=True)
 class AtRest:
-    """Reading of a load at rest. Masses are in kg, relative to the zero of calibration."""
+    """Reading of a load at rest or of the empty belt, in kg relative to the zero of calibration."""
 
     mass: float  # mean of the samples, NaN like the other masses if the reading is not valid
     std_error: float  # standard error of the mean, from the means of ten successive batches
@@ -171,7 +171,10 @@ def item_passes(
 
 
 def item_pass(verdict: Verdict, speed: float) -> ItemPass:
-    """Return the pass of a verdict. The mass is NaN if the item was not weighed."""
+    """Return the pass that a verdict describes, with a belt speed in m/s.
+
+    The mass is NaN if the item was not weighed.
+    """
     weighed = is_weighed(verdict)
     reasons = () if weighed else tuple(verdict.reasons) or ('Unknown',)
     mass, std_dev = (verdict.mass, verdict.std_dev) if weighed else (math.nan, math.nan)

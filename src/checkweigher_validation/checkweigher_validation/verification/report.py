@@ -196,7 +196,7 @@ def _grams(value: float) -> float | None:
 
 
 def _number(value: float, digits: int) -> float | None:
-    # The addition converts -0.0 to 0.0.
+    # Add 0.0, which converts -0.0 to 0.0, because a zero must not have a minus sign in the report.
     return round(value, digits) + 0.0 if math.isfinite(value) else None
 
 

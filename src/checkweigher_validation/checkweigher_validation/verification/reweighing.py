@@ -92,8 +92,8 @@ def is_weighed(verdict: Verdict) -> bool:
     """Return whether an item got a mass.
 
     An item whose mass is NaN or infinite got no mass. An item with the decision FAULT got no mass
-    either, unless NoProduct is the only reason. In this case it was weighed, and only the limits
-    are missing.
+    either, unless NoProduct is the only reason. An item with this only reason was weighed, but
+    there were no limits for its mass.
     """
     no_limits = verdict.reasons == (Reason.NO_PRODUCT.value,)
     return math.isfinite(verdict.mass) and (verdict.decision != Decision.FAULT or no_limits)
