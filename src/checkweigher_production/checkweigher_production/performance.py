@@ -185,7 +185,7 @@ class PerformanceTests:
         self.advance(now)
 
     def take(self, verdict: Verdict, now: int) -> LastTest | None:
-        """Add a pass of the test product. Return the test if this completes it, otherwise None.
+        """Add a pass of the test product. Return the test if the pass completes it, otherwise None.
 
         Without a running test, and for a verdict without the reason PerformanceTest, nothing is
         added. The error of a pass is NaN if its verdict has another reason as well.

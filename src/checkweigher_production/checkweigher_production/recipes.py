@@ -260,7 +260,10 @@ class Product(NanEqual, Settings):
         return ''
 
     def on_line(self, batch: str) -> ProductOnLine:
-        """Return the product and its limits as the message for the reject node."""
+        """Return the product, its limits and its batch as the message for the reject node.
+
+        The stamp of the message is 0.
+        """
         limits: dict[str, Any] = self.limits()
         return ProductOnLine(0, self.name, batch, needed=True, **limits)
 

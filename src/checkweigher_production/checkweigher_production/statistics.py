@@ -4,7 +4,7 @@
 
 All items are counted by decision and reason. Mean, standard deviation, giveaway, and the numbers
 below TU1 and TU2 are computed from the accepted items. A mass is the mass of the contents without
-tare. Times are the time stamps of the samples.
+tare, in kg. Times are in ns on the clock of the samples.
 """
 
 from collections import Counter, deque

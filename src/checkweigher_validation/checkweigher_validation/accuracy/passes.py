@@ -65,7 +65,7 @@ class KnownPass:
 
 @dataclass(frozen=True, slots=True)
 class SpeedGroup:
-    """All passes without faults of about the same belt speed."""
+    """All passes of about the same belt speed that have no faults."""
 
     speed: float  # mean of the smallest and the largest belt speed in m/s
     passes: tuple[KnownPass, ...]  # in order of entry

@@ -192,7 +192,7 @@ def read_csv(path: Path, product: Product) -> Batch:
 
 
 def read_record(path: Path) -> Batch:
-    """Return the batch in a batch record. Raises `RecordError` if the record is not valid."""
+    """Return the batch that a record contains. Raises `RecordError` if the record is not valid."""
     lines: dict[str, list[Any]] = defaultdict(list)
     products = {'': Product('', math.nan)}
     items: dict[str, list[BatchItem]] = defaultdict(list)

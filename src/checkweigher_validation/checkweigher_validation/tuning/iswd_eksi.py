@@ -67,7 +67,7 @@ class TunedIswdEksi(Tunable):
     def lists(self, values: Mapping[str, float]) -> dict[str, tuple[float, ...]]:
         """Return the shrinkage and platform parameters of the denoiser, and the rise noise.
 
-        A key has the form ``node.name``. The platform parameters have one value for all speeds.
+        A key has the form ``node.name``.
         """
         denoise = self._denoise(values)
         return {
