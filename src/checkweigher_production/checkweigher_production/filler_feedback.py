@@ -20,7 +20,10 @@ from checkweigher_core.records.reasons import Reason
 
 @dataclass(frozen=True)
 class FillerParameters(Parameters):
-    """Parameters of the controller. A mass is the mass of the contents without packaging."""
+    """Parameters of the controller. A mass is the mass of the contents without packaging.
+
+    Raises `ParameterError` if `max_correction` is not above 0 and finite.
+    """
 
     node: ClassVar[str] = 'filler'
 

@@ -31,7 +31,11 @@ _MAX_SHIFTS = 24
 
 @dataclass(frozen=True)
 class PerformancePlan(Parameters):
-    """Due times and limits of the performance test of a recipe."""
+    """Due times and limits of the performance test of a recipe.
+
+    Raises `ParameterError` if the mass or the limit is missing, if a shift is not a time of day, or
+    if there is no rule for the due times.
+    """
 
     node: ClassVar[str] = 'test'
 

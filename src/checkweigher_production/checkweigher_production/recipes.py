@@ -86,7 +86,11 @@ class Guard(Parameters):
 
 @dataclass(frozen=True, eq=False)
 class Product(NanEqual, Settings):
-    """Recipe of one product. Masses are in kg."""
+    """Recipe of one product. Masses are in kg.
+
+    Raises `SettingsError` if a value is invalid or contradicts another value, for example if a
+    limit is on the wrong side of the nominal quantity.
+    """
 
     name: str = parameter(text='name by which the operator selects the product')
     nominal: float = parameter(

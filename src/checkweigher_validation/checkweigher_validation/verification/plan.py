@@ -149,7 +149,9 @@ class Plan(Settings):
     """Plan of a verification.
 
     The fields have the units in their names, and the properties have SI units. The field of a test
-    is None or empty if the test is not made.
+    is None or empty if the test is not made. Raises `SettingsError` if the class does not allow e,
+    Min and Max, if a load is outside its range or unknown, if a value is listed twice, or if the
+    class is not suitable for one of the prepackages.
     """
 
     machine: Mapping[str, str] = parameter(text='nameplate of the machine')
