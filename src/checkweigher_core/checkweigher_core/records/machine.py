@@ -21,7 +21,7 @@ class Eye(IntEnum):
 
 
 class StreamState(IntEnum):
-    """State of a stream of samples. The state is FAILED if the source of the samples failed."""
+    """State of a stream of samples: FAILED if its source failed, FINISHED after any other end."""
 
     RUNNING = 0
     FINISHED = 1
@@ -58,7 +58,10 @@ class LoadCell:
 
     @classmethod
     def of(cls, parameters: object, **others: Any) -> 'LoadCell':
-        """Return a load cell with the attributes of `parameters`, which `others` override."""
+        """Return a load cell whose fields are the attributes of `parameters` with the same names.
+
+        The keyword arguments `others` override these attributes.
+        """
         names = [entry.name for entry in fields(cls) if hasattr(parameters, entry.name)]
         return cls(**{name: getattr(parameters, name) for name in names} | others)
 
@@ -104,7 +107,7 @@ class EyeEdge:
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """Known mass of an item in kg. `stamp` is t1, at which the item begins to enter the belt.
+    """Known mass of an item in kg. `stamp` is t1, the time at which the item begins to enter.
 
     Raises
     ------
@@ -124,12 +127,13 @@ class Reference:
 class StreamStatus:
     """Progress of the driver or of the segmenter in a stream of samples.
 
-    `stream` is the number of the stream, and `stamp` is the stamp of the latest block. The driver
-    counts the `samples` and `edges` that it has sent in this stream. The segmenter counts the
-    samples and edges that it has processed. `items` is the number of windows that the segmenter has
-    sent in all streams, and is 0 in a status of the driver. `last_edge` is the stamp of the latest
-    edge that the segmenter has assigned to an item. It is None if there is no such edge, and in a
-    status of the driver. `text` is a fault message of the driver, or empty.
+    `stream` is the number of the stream, and `stamp` is the stamp of the latest block, or 0 before
+    the first block. The driver counts the `samples` and `edges` that it has sent in this stream.
+    The segmenter counts the samples and edges that it has processed. `items` is the number of
+    windows that the segmenter has sent in all streams since its start, and is 0 in a status of the
+    driver. `last_edge` is the stamp of the latest edge that the segmenter has assigned to an item.
+    It is None if there is no such edge, and in a status of the driver. `text` is a message of the
+    driver on a fault or on its deactivation; otherwise it is empty.
     """
 
     stamp: Stamp

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Fields of records that messages in older bags and lines of older files do not have."""
+"""Record fields that are missing in the messages of older bags and in the lines of older files."""
 
 from dataclasses import field, fields
 from typing import TypeVar
@@ -9,7 +9,7 @@ T = TypeVar('T')
 
 
 def newer(default: T) -> T:
-    """Return a dataclass field that older messages and files lack.
+    """Return a dataclass field that is missing in older messages and files.
 
     `default` is the value of the field in a record that is read from such a message or file.
     """

@@ -12,7 +12,12 @@ from checkweigher_core.records.quantities import Stamp
 
 
 class PerformanceState(IntEnum):
-    """State of the performance test, a periodic test with a product of known mass."""
+    """State of the performance test, a periodic test with a product of known mass.
+
+    The state is NOT_ASKED if the recipe requires no test, IN_TIME before the next test is due, DUE
+    from its due time until `PerformanceTest.stop_at`, and OVERDUE after that. FAILED is the state
+    after a test that has not passed.
+    """
 
     OVERDUE = 0
     NOT_ASKED = 1
@@ -90,14 +95,15 @@ class PerformanceTest(NanEqual):
 class Statistics(NanEqual):
     """Statistics of one product in one batch. Masses are in kg, without tare.
 
-    `stamp` is the largest t3 of the items. `reason_counts` contains the number of items with each
-    of the `reasons`. `length_faults` and `speed_faults` are the numbers of items whose length or
-    speed is outside the range of the recipe. `tu1` and `tu2` are the limits TU1 and TU2 of
-    directive 76/211/EEC. `mean`, `std_dev`, `giveaway` (mean minus `nominal`), `below_tu1`
-    (including items below TU2), `below_tu2` and `share_below_tu1` (0..1) refer to the accepted
-    items. `throughput` is the number of items per minute between the first and the last t3 of the
-    stream. `tu1_quota` is the largest allowed share of items below TU1 among the accepted items,
-    NaN without a quota. If `mean_value` is true, the batch mean must be at least `nominal`.
+    `stamp` is the largest t3 of the items, None if no item has a t3. `reason_counts` contains the
+    number of items with each of the `reasons`. `length_faults` and `speed_faults` are the numbers
+    of items whose length or speed is outside the range of the recipe. `tu1` and `tu2` are the
+    limits TU1 and TU2 of directive 76/211/EEC. `mean`, `std_dev`, `giveaway` (mean minus
+    `nominal`), `below_tu1` (including items below TU2), `below_tu2` and `share_below_tu1` (0..1)
+    refer to the accepted items. `throughput` is the number of items per minute between the smallest
+    and the largest t3 in the present stream, NaN if fewer than two items have different t3.
+    `tu1_quota` is the largest allowed share of items below TU1 among the accepted items, NaN
+    without a quota. If `mean_value` is true, the batch mean must be at least `nominal`.
     """
 
     stamp: Stamp | None

@@ -54,7 +54,7 @@ class Reason(StrEnum):
 
     @property
     def hint(self) -> str:
-        """Advice for the technician."""
+        """One-line advice for the technician on this reason."""
         return _HINTS[self]
 
 
@@ -80,7 +80,7 @@ class StopReason(StrEnum):
 
     @property
     def hint(self) -> str:
-        """Advice for the technician."""
+        """One-line advice for the technician on this reason."""
         return _STOP_HINTS[self]
 
 

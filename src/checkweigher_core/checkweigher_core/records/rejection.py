@@ -13,7 +13,10 @@ from checkweigher_core.records.reasons import StopReason
 
 
 class Decision(IntEnum):
-    """Decision on an item. The rejector removes every item whose decision is not ACCEPT."""
+    """Decision on an item.
+
+    The rejector or a reject station removes every item whose decision is not ACCEPT.
+    """
 
     FAULT = 0
     ACCEPT = 1
@@ -27,10 +30,10 @@ class Verdict(NanEqual):
 
     `estimate_id` equals `item_id`, or is 0 if the verdict was given without a mass estimate. The
     signal to the rejector is due at `reject_at`, which is None if this time is unknown. If
-    `station` is not 0, the reject station of this number removes the item instead of the rejector,
-    and the signal to the station is due at `station_at`. `late` is true if the verdict was given
-    after its signal was due. The fields `batch_items` to `batch_surplus` are the totals of the
-    batch including this item (see `BatchTally`).
+    `station` is not 0, the reject or sorting station of this number removes the item instead of the
+    rejector, and the signal to the station is due at `station_at`. `late` is true if the verdict
+    was given after its signal was due. The fields `batch_items` to `batch_surplus` are the totals
+    of the batch including this item (see `BatchTally`).
     """
 
     item_id: int
@@ -64,9 +67,9 @@ class Verdict(NanEqual):
 class StopRequest:
     """Request to stop the line.
 
-    `item_id` is the number of the item that caused the request, or 0. `stamp` is the reject time of
-    this item, the time of a missed external reject, or None. `text` contains further
-    details, or is empty.
+    `item_id` is the number of the item that caused the request, or 0. `stamp` is the `reject_at` of
+    the verdict on this item, the stamp of a missed external reject, or None. `text` contains
+    further details, or is empty.
     """
 
     reason: StopReason
@@ -84,7 +87,7 @@ class StopRequest:
 class Permission:
     """Permission to run the line. If `run` is false, the line must stop.
 
-    The permission was given at `stamp` (system clock), and is valid for a short time only.
+    The permission was given at `stamp` (system clock), and expires after `ports.FRESH_TIME`.
     """
 
     stamp: Stamp

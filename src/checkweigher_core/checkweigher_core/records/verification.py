@@ -61,10 +61,11 @@ class VerificationProgress:
     """Progress of a guided verification at `stamp` (system clock), with the present question.
 
     `question` is the number of the question, which the answer must repeat. `folder` is the path of
-    the machine folder with the plans and the reports. `results` contains one line for each of the
-    `steps`, which is empty until the step was performed. `step` is the index of the present step,
-    and `lines` contains the zeros and passes of this step so far. `text` is the instruction or the
-    progress of the step or, if no verification is running, the result of the last verification.
+    the machine folder with the plans and the reports, and `name` is the name of the present or last
+    verification in this folder. `results` contains one line for each of the `steps`, which is empty
+    until the step has been performed. `step` is the index of the present step, from 0, and `lines`
+    contains the zeros and passes of this step so far. `text` is the instruction or the progress of
+    the step or, if no verification is running, the result of the last verification.
     """
 
     stamp: Stamp
