@@ -9,19 +9,23 @@ from checkweigher_core.health.findings import MINUTE, Finding, RecentValues, con
 from checkweigher_core.records import NANOSECONDS, EyeEdge, SampleBlock
 
 _MAX_BLOCKS = 20_000  # largest number of blocks from which sample rate and pace are computed
-RATE_SPAN = 10.0  # time in s over which rates are computed
-SHORTEST_SPAN = 2.0  # shortest time in s over which a rate is computed
+RATE_SPAN = 10.0  # duration in s of the latest signal from which rates are computed
+SHORTEST_SPAN = 2.0  # shortest duration in s of the signal from which a rate is computed
 _REPLAY = 0.1  # difference of the pace from 1 above which a replay is assumed
-_CLOCK_BIN = 5.0  # duration of a bin in s; it is assumed that a message in each bin is not delayed
+# Duration in s of a bin, in which at least one message is assumed not to be delayed.
+_CLOCK_BIN = 5.0
 _CLOCK_SPAN = 300.0  # time in s over which the drift is computed
-_DRIFT_LIMIT = 500e-6  # largest relative drift; the drift of a crystal is less than 100e-6
+# Largest relative drift without a warning; a crystal drifts by less than 100e-6.
+_DRIFT_LIMIT = 500e-6
 _DRIFT_BINS = 6  # smallest number of bins from which a drift is computed
 _PACE_BINS = 3  # smallest number of bins from which the pace is computed
-_JITTER_LIMIT = 0.5  # largest jitter in s
-_START = 5.0  # time in s after the first block in which jitter is ignored, because nodes start
-_EYE_OFFSET_LIMIT = 0.1  # largest difference in s between the delays of edges and samples
+_JITTER_LIMIT = 0.5  # largest jitter in s without a warning
+# Time in s after the first block in which the jitter is ignored, because nodes still start.
+_START = 5.0
+# Largest difference in s between the delays of edges and samples without a warning.
+_EYE_OFFSET_LIMIT = 0.1
 _FEWEST_EDGES = 4  # smallest number of edges from which their delay is computed
-_CLOCK_STEP = 0.5  # difference in s of a stamp from its predicted value if the clock was set
+_CLOCK_STEP = 0.5  # error in s of a predicted stamp above which the clock counts as set
 
 
 class ClockWatch:
@@ -38,7 +42,7 @@ class ClockWatch:
         self.restart()
 
     def restart(self) -> None:
-        """Discard all values, because a new stream begins."""
+        """Discard all values, because a new stream begins or the clock of the stamps was set."""
         self._origin: int | None = None
         self._began = 0.0
         self._blocks: deque[tuple[float, int, int]] = deque(maxlen=_MAX_BLOCKS)
@@ -50,7 +54,7 @@ class ClockWatch:
     def add(self, came: float, block: SampleBlock) -> None:
         """Add a block that arrived at time `came` in s.
 
-        If the stamp of the block differs by more than 0.5 s from the stamp expected by its index,
+        If the stamp of the block differs by more than 0.5 s from the stamp expected from its index,
         the clock of the stamps was set, and all earlier values are discarded.
         """
         if self._blocks:
@@ -78,19 +82,22 @@ class ClockWatch:
             self._edge_delays.add(came, came - (edge.stamp - self._origin) / NANOSECONDS)
 
     def look(self, now: float) -> None:
-        """Remove values that are too old at time `now` in s."""
+        """Remove values that are too old at time `now` in s.
+
+        Blocks and their delays are kept for 10 s, edges for 60 s, and bins for 300 s.
+        """
         for values in (self._delays, self._bins, self._edge_delays):
             values.forget(now)
         while self._blocks and self._blocks[0][0] <= now - RATE_SPAN:
             self._blocks.popleft()
 
     def _pace(self, slope: float) -> float:
-        """Return the pace of the stamps, NaN if unknown.
+        """Return the pace of the stamps, NaN if neither three bins nor 2 s of blocks are known.
 
-        The pace is computed from `slope`, the trend of the shortest delays, as soon as enough bins
+        The pace is computed from `slope`, the trend of the shortest delays, as soon as three bins
         are complete. Until then, it is computed from the stamps and the arrivals of the oldest and
-        the latest recent block. This is less suitable, because after a halt the blocks arrive too
-        fast for a while.
+        the latest recent block. That value is less accurate, because after a halt the blocks arrive
+        too fast for a while.
         """
         if len(self._bins) >= _PACE_BINS:
             return 1.0 - slope
@@ -99,7 +106,7 @@ class ClockWatch:
 
     @property
     def sample_rate(self) -> float:
-        """Sample rate in Hz, computed from the stamps of recent blocks, NaN if unknown."""
+        """Sample rate in Hz by the stamps of the last 10 s, NaN if they span less than 2 s."""
         _, elapsed, count = self._span()
         return count / elapsed if elapsed >= SHORTEST_SPAN else math.nan
 
@@ -115,7 +122,8 @@ class ClockWatch:
 
         `offset_of_clocks` is the Unix time minus the time on the clock of the arrivals, in s.
         """
-        # Shortest recent delay of a block in s, relative to the first stamp.
+        # Shortest delay in s of the blocks of the last minute, with stamps counted from the first
+        # one.
         least = min([*self._bins.values[-round(MINUTE / _CLOCK_BIN) :].tolist(), self._bin[1]])
         least = math.nan if math.isinf(least) else least
         slope = self._bins.slope

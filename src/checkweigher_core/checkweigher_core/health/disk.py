@@ -10,11 +10,12 @@ import shutil
 from checkweigher_core.health.findings import Finding, RecentValues, conclude, error_if, warn_if
 
 _ASPECT = 'Disk'
-_PERIOD = 600.0  # time in s between two readings
+_PERIOD = 600.0  # time in s between two readings of the free space
 _DAY = 86_400.0  # seconds per day
 _SHORTEST_SPAN = 6 * _PERIOD  # shortest time in s from which a trend is estimated
 _WARNING = 30.0  # number of days until the disk is full, below which a warning is shown
-_LEAST = 100e6  # smallest free space in bytes; a batch record of 100,000 items needs less
+# Free bytes below which an error is shown; a batch record of 100,000 items needs less.
+_LEAST = 100e6
 _HINT = 'move recorded items and passes to another disk; see docs/backup.md'
 
 
@@ -27,7 +28,7 @@ def free_bytes(folder: Path) -> float:
 
 
 class DiskWatch:
-    """Monitor of the free bytes on a disk over the last two days.
+    """Monitor of the free space on a disk, with the readings of the last two days.
 
     The function `free` returns the number of free bytes. Times are in s on a monotonic clock. The
     trend is the median of the slopes of all pairs of readings, so that a recording that is removed

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 MINUTE = 60.0  # seconds per minute
-_MAX_VALUES = 10_000  # default of the largest number of entries
+_MAX_VALUES = 10_000  # default of the largest number of entries in a `Recent`
 
 
 class Level(IntEnum):
@@ -165,7 +165,7 @@ class RecentValues(Recent[float]):
 class RecentItems(Recent[tuple[str, ...]]):
     """Results of the last `count` items, with the reasons why items failed.
 
-    An item that is older than `duration` s is removed by the next call of `forget`.
+    The result of an item that is older than `duration` s is removed by the next call of `forget`.
     """
 
     def __init__(self, count: int = 50, duration: float = 10 * MINUTE) -> None:
@@ -177,7 +177,7 @@ class RecentItems(Recent[tuple[str, ...]]):
 
     @property
     def failed(self) -> int:
-        """Number of items that failed."""
+        """Number of failed items among the stored results."""
         return sum(bool(reasons) for _, reasons in self)
 
     @property

@@ -16,7 +16,8 @@ _UNKNOWN = 'not known yet'
 _PERIOD = 30.0  # time in s between two calls of chronyc
 _PATIENCE = 10.0  # longest wait in s for the output of chronyc
 _LARGEST_BOUND = 0.1  # largest bound of the clock error in s without a warning
-_STEP = 0.5  # smallest reported step in s; longer than the delay between two clock readings
+# Smallest reported step in s; longer than the delay between the readings of the two clocks.
+_STEP = 0.5
 _OWN_CLOCK = 0x7F7F0101  # reference ID of a chronyd that follows its own clock (option local)
 
 
@@ -43,7 +44,7 @@ class ClockSteps:
 
 
 class HostClock:
-    """Monitor of the clock of this host.
+    """Monitor of the synchronisation of the clock of this host by chrony.
 
     A call of `finding` starts the command chronyc in a separate process, and a later call reads its
     output, so that the node never waits for chronyc. A process that runs for more than 10 s is
@@ -61,7 +62,7 @@ class HostClock:
 
     @property
     def reference(self) -> str:
-        """Text on the time reference of this clock, or an empty string if it is not known yet.
+        """Text on the time reference of this clock, or an empty string if none is known yet.
 
         The text contains no numbers, so that it changes only with the reference.
         """

@@ -19,12 +19,13 @@ from checkweigher_core.health.findings import (
 from checkweigher_core.printable import counted
 from checkweigher_core.records import Eye, EyeEdge, LoadCell, SampleBlock
 
-PATIENCE = 5.0  # time in s that the nodes of a line need to start
-_SILENCE = 1.0  # longest time in s without samples, unless `_SILENT_BLOCKS` is longer
-_SILENT_BLOCKS = 5.0  # longest time without samples, in durations of a block
-_RATE_TOLERANCE = 0.005  # largest relative difference between measured and nominal sample rate
+PATIENCE = 5.0  # longest time in s that the nodes of a line need to start
+# Longest time in s without samples before an error, unless `_SILENT_BLOCKS` is longer.
+_SILENCE = 1.0
+_SILENT_BLOCKS = 5.0  # longest time without samples before an error, in durations of a block
+_RATE_TOLERANCE = 0.005  # largest relative error of the nominal sample rate without a warning
 _LONGEST_BLOCKED = 10.0  # longest time in s for which a product normally blocks an eye
-_ONE_EYED = 10  # number of edges of one eye in a minute in which the other eye must also switch
+_ONE_EYED = 10  # edges of one eye in a minute from which on an error is shown if the other has none
 _GAPS, _LOST, _AGAIN = 'gaps', 'samples_lost', 'blocks_doubled_or_late'
 _RESTARTS, _SATURATED = 'source_restarts', 'samples_saturated'
 # Names of the counts, each with the noun that follows its number in messages.
@@ -47,7 +48,7 @@ _WARNINGS = {
 
 
 class SampleWatch:
-    """Statistics of arriving blocks of samples, on their rate, gaps, saturation and clock."""
+    """Statistics of arriving blocks of samples: their rate, gaps, saturation and clock."""
 
     def __init__(self, load_cell: LoadCell) -> None:
         self.load_cell = load_cell
@@ -61,12 +62,18 @@ class SampleWatch:
         self._recent = {what: RecentValues() for what in _COUNTED}
 
     def restart(self) -> None:
-        """Discard the expected index and the values of `clock`, because a new stream begins."""
+        """Discard the expected index and the values of `clock`, because a new stream begins.
+
+        The rates and counts are kept.
+        """
         self._end = None
         self.clock.restart()
 
     def look(self, now: float) -> None:
-        """Remove values that are too old at time `now` in s."""
+        """Remove values that are too old at time `now` in s.
+
+        Arrivals are kept for 10 s, and the events of the last minute for 60 s.
+        """
         for values in (self._arrivals, *self._recent.values()):
             values.forget(now)
         self.clock.look(now)
@@ -167,7 +174,7 @@ class EyeWatch:
         self._blocked: dict[Eye, float] = {}
 
     def look(self, now: float) -> None:
-        """Remove edges that are too old at time `now` in s."""
+        """Remove edges that are more than 60 s old at time `now` in s."""
         for values in self._recent.values():
             values.forget(now)
 
