@@ -26,7 +26,7 @@ def _set_log_folder() -> None:
 
 # Set the environment now, because rclpy reads it when it creates a context. A node that is
 # connected by DDS can stop a line and change its limits. Nodes on other computers can therefore
-# connect only if the user allows it.
+# connect only if the user allows it by this variable.
 os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 _set_log_folder()
 set_profiles()

@@ -3,9 +3,9 @@
 """Conversion of records to messages and back.
 
 A field of a record corresponds to the field of the message with the same name. `_FORMS` contains
-the exceptions. Messages of rclpy and messages from bags can be converted to records. Every field of
-a message is set to a value of its exact Python type, because rclpy does not check types, and a
-numpy scalar in a field aborts the process when the message is serialised.
+the deviations from this rule. Messages of rclpy and messages from bags can be converted to records.
+Every field of a message is set to a value of its exact Python type, because rclpy does not check
+types, and a numpy scalar in a field aborts the process when the message is serialised.
 """
 
 import array
@@ -94,8 +94,8 @@ _FORMS: dict[type, _Form] = {
         absent={'state': _RUN},
         amend=_with_text,
     ),
-    # The identity of a machine contains all parameters, which are long lists after training, and
-    # all changes in the audit log.
+    # A long text is allowed, because the identity of a machine contains all parameters, which are
+    # long lists after training, and all changes in the audit log.
     records.VerificationStep: _Form(longest=1_000_000),
 }
 
@@ -170,14 +170,14 @@ _Get = Callable[[Any], Any]
 
 @dataclass(slots=True)
 class _Plan:
-    """Conversion of one class of records."""
+    """Conversion of one class of records to messages and back."""
 
     form: _Form
-    # For each field of the message, its name, function that gets its value from the record, and
-    # function that converts this value.
+    # For each field of the message: its name, the function that gets its value from the record, and
+    # the function that converts this value.
     write: list[tuple[str, _Get, _Get]] = field(default_factory=list)
-    # For each field of the record, function that gets its value from the message, and function that
-    # converts this value.
+    # For each field of the record: the function that gets its value from the message, and the
+    # function that converts this value.
     read: list[tuple[_Get, _Get]] = field(default_factory=list)
 
 
@@ -259,10 +259,10 @@ def _text(value: str) -> str:
 
 
 def _time(stamp: int | None) -> dict[str, int]:
-    """Return the fields of a time message for a stamp in ns. An unknown stamp has the fields 0.
+    """Return the fields of a time message for a stamp in ns. Both are 0 if it is unknown.
 
-    A time message cannot contain a stamp before December 1901 or after January 2038. Such a stamp
-    counts as unknown.
+    A time message cannot contain a stamp before December 1901 or after January 2038. Both fields
+    are also 0 for such a stamp.
     """
     sec, nanosec = divmod(int(stamp or 0), records.NANOSECONDS)
     held = -(2**31) <= sec < 2**31
@@ -279,16 +279,20 @@ def _dtype(hint: Any) -> np.dtype[Any]:
 
 
 def _bounded(field: Any, most: int = _MOST) -> Any:
-    """Return a string or list of a message unchanged. Raises ValueError if it is too long."""
+    """Return a string or list of a message unchanged.
+
+    Raises ValueError if it has more than `most` characters or elements.
+    """
     if len(field) > most:
         raise ValueError(f'{len(field)} values in a message field, but at most {most} are allowed')
     return field
 
 
 def _shared(field: Any, dtype: np.dtype[Any]) -> NDArray[Any]:
-    """Return the array of a field without copying it. Raises ValueError if it is too long.
+    """Return the array of a field without copying it.
 
-    The array is read-only, because other nodes may use the same message.
+    The array is read-only, because other nodes may use the same message. Raises ValueError if it
+    has more than `records.MAX_WINDOW` elements.
     """
     values: NDArray[Any] = np.frombuffer(_bounded(field, records.MAX_WINDOW), dtype)
     values.flags.writeable = False

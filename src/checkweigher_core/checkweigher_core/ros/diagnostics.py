@@ -17,7 +17,7 @@ from checkweigher_core.ros.ports import DIAGNOSTICS
 from checkweigher_core.ros.status_board import HOST
 
 _PERIOD = 1.0  # time in s between two messages
-_LOG_PERIOD = 1.0  # shortest time in s between two equal warnings in the log
+_LOG_PERIOD = 1.0  # shortest time in s between two consecutive equal warnings in the log
 
 
 class Diagnostics:
@@ -44,7 +44,10 @@ class Diagnostics:
         self._node.create_timer(_PERIOD, self._publish)
 
     def set_hardware(self, load_cell: LoadCell) -> None:
-        """Set the hardware ID of each status to the model and serial number of a load cell."""
+        """Set the hardware ID of each status to the model and serial number of a load cell.
+
+        If both are unknown, the hardware ID is ``checkweigher``.
+        """
         self._hardware_id = (
             '/'.join(filter(None, (load_cell.model, load_cell.serial_number))) or 'checkweigher'
         )
@@ -54,7 +57,10 @@ class Diagnostics:
         self._counters[name] = self._counters.get(name, 0) + 1
 
     def warn(self, text: str) -> None:
-        """Log a warning and publish it. A repeated text is logged at most once a second."""
+        """Log a warning, and publish it in the next message of the node.
+
+        A repeated text is logged at most once a second.
+        """
         text = one_line(text)
         self._warning = self._last_warning = text
         now = time.monotonic()
@@ -84,7 +90,7 @@ class Diagnostics:
             return [Finding(aspect, Level.ERROR, text, hint)]
 
     def _summary(self, findings: list[Finding]) -> Finding:
-        """Return the finding on the node as a whole.
+        """Return the finding on the node as a whole, with the text of its worst finding.
 
         If no finding is an error, a new warning becomes the text of one message. Later messages
         contain it only as the last warning.

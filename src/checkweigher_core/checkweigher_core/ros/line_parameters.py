@@ -29,9 +29,9 @@ class LineParametersClient:
     """Client of the parameter services of the nodes in the namespace of `node`.
 
     A callback in a single-threaded executor may await the coroutines of this class. The executor
-    serves other callbacks meanwhile. The client has its own callback group, because the awaiting
-    callback blocks the group to which it belongs. `patience` is the longest wait for an answer in
-    s.
+    runs other callbacks while they wait for an answer. The client has its own callback group,
+    because the awaiting callback blocks the group to which it belongs. `patience` is the longest
+    wait for an answer in s.
     """
 
     def __init__(self, node: Node, patience: float) -> None:
@@ -45,12 +45,15 @@ class LineParametersClient:
         return bool(self._client(node).services_are_ready())
 
     async def get_all(self, node: str) -> Values:
-        """Return all parameters of a node. Raises `RefusedError` if the node does not answer."""
+        """Return the values of all parameters of a node by name.
+
+        Raises `RefusedError` if the node does not answer.
+        """
         listed = await self.answer(node, self._client(node).list_parameters())
         return await self.get(node, list(listed.result.names))
 
     async def get(self, node: str, names: list[str]) -> Values:
-        """Return some parameters of a node.
+        """Return the values of the parameters `names` of a node by name.
 
         Raises `RefusedError` if the node does not have all of them, or does not answer.
         """
@@ -97,7 +100,10 @@ class LineParametersClient:
             raise RefusedError(f'{node}: {answer.result.reason}')
 
     async def answer(self, node: str, future: Future) -> Any:
-        """Return the answer of a node. Raises `RefusedError` if the node does not answer."""
+        """Return the result of `future`, which is the answer of a node to a request.
+
+        Raises `RefusedError` if the node does not answer within `patience`.
+        """
         answer = await in_time(self._node, self._group, future, self._patience)
         if answer is None:
             raise RefusedError(f'{node}: did not answer within {self._patience:g} s')

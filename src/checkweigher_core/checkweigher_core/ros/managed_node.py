@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Base class of stage nodes with a life cycle, which keep the line stopped until activation."""
+"""Base class of stage nodes with a life cycle. They stop the line until they are activated."""
 
 from collections.abc import Callable
 from typing import Any
@@ -22,9 +22,10 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
 
     The outputs of the node are safe if they stop the line. They are safe unless the node is active.
     A subclass overrides `configure`, `activate`, `deactivate` and `clean_up`, and calls `begin` at
-    the end of its constructor. If one of the overridden methods raises an exception, the exception
-    is logged, and the transition fails. If the parameter ``autostart`` is true, the node configures
-    and activates itself. `state` is unconfigured, inactive, active or finalized.
+    the end of its constructor. If one of the overridden methods raises an exception, the transition
+    fails, and the exception is logged or, during `begin`, raised as `ParameterError`. If the
+    parameter ``autostart`` is true, the node configures and activates itself. `state` is
+    unconfigured, inactive, active or finalized.
     """
 
     def __init__(self, parameters: type[P], **options: Any) -> None:

@@ -28,7 +28,7 @@ class OneShotTimer:
     """
 
     def __init__(self, callback: Callable[[], object], fail: Callable[[Exception], None]) -> None:
-        self.due: int | None = None  # time in ns at which the timer fires
+        self.due: int | None = None  # time in ns at which the timer fires, None if it is not set
         self._callback = callback
         self._fail = fail
 
@@ -43,11 +43,11 @@ class OneShotTimer:
             self.set(due)
 
     def clear(self) -> None:
-        """Stop the timer, which then does not fire."""
+        """Stop the timer, so that it does not fire."""
         self.due = None
 
     def fire(self) -> None:
-        """Call the function if the time of the timer has come."""
+        """Call the function if the timer is set and due, and pass its exception to `fail`."""
         with LOCK:
             if self.due is None or self.due > time.monotonic_ns():
                 return

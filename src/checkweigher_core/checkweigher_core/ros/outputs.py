@@ -75,8 +75,9 @@ class HeldOutput(Output):
     lost, and its item would get no verdict. After a consumer has been discovered, records are sent
     immediately. An input in the same process is a consumer. A subscriber in another process is a
     consumer if its node also publishes messages of the type of the port `answer`. A recorder is
-    therefore not a consumer. If `answer` is None, or if no consumer has been discovered within 5 s
-    after the first subscriber, any subscriber counts as a consumer. At most 10,000 records are
+    therefore not a consumer. If `answer` is None, any subscriber counts as a consumer as soon as no
+    further subscriber has appeared for 0.2 s. Any subscriber also counts as a consumer if no
+    consumer has been discovered within 5 s after the first subscriber. At most 10,000 records are
     kept; if there are more, the oldest are lost. The function `before` is called with each record
     just before the record is sent.
     """
@@ -174,7 +175,7 @@ class Input:
         self._callback = callback
 
     def take(self, record: Any) -> None:
-        """Call the callback with a record, and pass an exception to the node."""
+        """Call the callback with a record, and pass its exception to ``node.refuse``."""
         self._node.received(self.port)
         try:
             self._callback(record)

@@ -31,7 +31,7 @@ class PortNode(Node):
 
     The callbacks of inputs, timers, services and actions hold the lock of the process. The node
     receives records after it was passed to `checkweigher_core.ros.outputs.connect`. `spinner` is
-    the thread that runs the callbacks of the node.
+    the thread that runs the callbacks of the node, None until it is added to one.
     """
 
     spinner: 'Spinner | None' = None
@@ -44,7 +44,7 @@ class PortNode(Node):
         super().__init__(name, **options)
 
     def start(self) -> None:
-        """Start the work of the node, after its inputs and outputs were connected."""
+        """Start the work of the node. `Spinner.add` calls this after it has connected the node."""
 
     def output(self, port: Port) -> Output:
         """Return a new output for a port."""
@@ -67,7 +67,7 @@ class PortNode(Node):
         return entry
 
     def received(self, port: Port) -> None:
-        """Notify the node that a record of a port has arrived."""
+        """Notify the node that a record of a port has arrived. Here this has no effect."""
 
     def refuse(self, port: Port, error: Exception) -> None:
         """Log that the conversion or the callback failed for a record. The node continues."""
@@ -125,13 +125,14 @@ class PortNode(Node):
     def create_service(  # type: ignore[no-untyped-def]
         self, srv_type: Any, srv_name: str, callback: Callable[..., Any], **options: Any
     ):
-        """Create a service. If its callback fails, the client gets an empty response.
+        """Create a service whose client gets a response even if the callback raises an exception.
 
         If the callback returns a text, the text becomes the `message` of the response, and
-        `success` is set to true. If the callback raises ValueError, the text of the exception
-        becomes the `message`, `success` stays false, and the refusal is logged. rclpy also creates
-        its parameter services by this method, so that the exception that they raise for a value of
-        an unknown type is handled.
+        `success` is set to true. If the callback raises ValueError, and the response has a
+        `message`, the text of the exception becomes this `message`, `success` stays false, and the
+        refusal is logged. After any other exception, the exception is logged, and the client gets
+        an empty response. rclpy also creates its parameter services by this method, so that the
+        exception that they raise for a value of an unknown type is handled.
         """
         own = locked(callback)
 

@@ -58,7 +58,7 @@ ITEM_HISTORY = History(1000, latched=True, stage_latched=True)
 RESULTS = History(1000, latched=True)
 # Periodic messages: only the latest message is valid.
 MOMENT = History(1)
-FRESH_TIME = 0.35  # time in s after which a periodic message expires
+FRESH_TIME = 0.35  # time in s after which a permission to run expires
 _PROMISED = 0.75  # deadline and liveliness lease of the publisher, as a fraction of `Port.holds`
 
 
@@ -99,9 +99,10 @@ class Port:
         return profile
 
     def _profile(self, *, latched: bool, share: float) -> 'QoSProfile':
-        """Return a reliable profile.
+        """Return the profile of this port with the reliability RELIABLE.
 
-        The deadline and the liveliness lease are the fraction `share` of `holds`.
+        If `latched` is true, the durability is transient local, otherwise volatile. If messages
+        expire, the deadline and the liveliness lease are the fraction `share` of `holds`.
         """
         from rclpy.duration import Duration
         from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
@@ -320,7 +321,7 @@ RESTART_LINE = 'restart_line'
 CANCEL_PASSES = 'cancel_passes'
 SHOW_TUNED, ACCEPT_TUNED = 'show_tuned', 'accept_tuned'
 CANCEL_VERIFICATION = 'cancel_verification'
-# Services with types of their own, except acknowledge_alarms, whose type is std_srvs/srv/Trigger.
+# Services with types of their own. Only acknowledge_alarms has the type std_srvs/srv/Trigger.
 CALIBRATE_SPAN = 'calibrate_span'
 FINISH_CALIBRATION = 'finish_calibration'
 BEGIN_VERIFICATION, ANSWER_VERIFICATION = 'begin_verification', 'answer_verification'

@@ -28,7 +28,7 @@ from checkweigher_core.ros.stage_node import StageNode
 # returns a freed block of memory to the system. By default, this size grows with the largest freed
 # block, so a process would keep the memory of a large message.
 _MMAP_THRESHOLD, _LARGE = -3, 2**17
-# Longest wait for the arrival of the last messages of a node.
+# Longest wait until all subscribers have acknowledged the last messages of an output.
 _FAREWELL = Duration(seconds=1)
 # Time in s after which a process that hangs while it destroys its nodes is ended. The node
 # `verifier` may need 20 s to complete its report.
@@ -46,11 +46,11 @@ def run_all(
     """Run several nodes in one process until SIGINT, SIGTERM or SIGHUP.
 
     The nodes start in the order in which `make_nodes` returns them, and shut down in reverse order.
-    While the nodes are made, a signal raises KeyboardInterrupt, which ends the process. After that,
-    a signal only wakes the main thread, which then shuts down the nodes. KeyboardInterrupt is then
-    not raised, because it would interrupt a callback. The signal handlers of rclpy are not used,
-    because they would destroy the context during a callback. The exit status of the
-    process is 2 if a node cannot start, and 1 if the executor fails.
+    While the nodes are made, a signal raises KeyboardInterrupt, which ends the process. After the
+    nodes were made, a signal only wakes the main thread, which then shuts down the nodes.
+    KeyboardInterrupt is then not raised, because it would interrupt a callback. The signal handlers
+    of rclpy are not used, because they would destroy the context during a callback. The exit status
+    of the process is 2 if a node cannot start, and 1 if the executor fails.
     """
     stopping = threading.Event()
     starting = True
@@ -114,7 +114,8 @@ def _on_signals(stop: Callable[..., None]) -> None:
 def _shut_down(nodes: Sequence[Node], spinner: Spinner) -> None:
     """Shut down the nodes in reverse order.
 
-    While a node shuts down, the nodes before it in `nodes` still work.
+    While a node shuts down, the nodes before it in `nodes` still work. After an exception, which is
+    printed, the remaining nodes are shut down.
     """
     for node in reversed(nodes):
         if not isinstance(node, StageNode):

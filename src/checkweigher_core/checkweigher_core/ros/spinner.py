@@ -66,7 +66,7 @@ class Spinner:
 
         A function that destroys entities or cancels timers must run in this thread, because the
         executor uses them. An exception that the function raises is raised again in the calling
-        thread. Raises RuntimeError if the function does not return within 10 s.
+        thread. Raises RuntimeError if the function has not returned within 10 s.
         """
         answer: Future[object] = Future()
 
@@ -83,7 +83,10 @@ class Spinner:
         answer.result()
 
     def stop(self) -> None:
-        """End the thread, and destroy the nodes in reverse order."""
+        """End the thread, and destroy the nodes in reverse order.
+
+        The method waits for the end of the thread for at most 10 s.
+        """
         # Shut down the executor only after the thread, which uses it, has ended.
         self._executor.create_task(self._stopping.set)
         self._thread.join(timeout=_PATIENCE)

@@ -83,19 +83,19 @@ class StageNode(PortNode, Generic[P]):
             self._send_alive(self._alive)
 
     def _send_alive(self, output: Output) -> None:
-        """Send a heartbeat, which shows that no callback blocks the lock of the process."""
+        """Send a heartbeat, which shows that no callback blocks the lock, and schedule the next."""
         output.send(Empty())
         self._alive_timer.set(time.monotonic_ns() + _ALIVE_PERIOD)
 
     def shut_down(self) -> None:
-        """Prepare the node for the end of the process."""
+        """Prepare the node for the end of the process. A subclass overrides this method."""
 
     def final_outputs(self) -> Sequence[Output]:
         """Return the outputs whose messages must arrive before the process ends."""
         return ()
 
     def on_parameters(self) -> None:
-        """Apply the changed parameters."""
+        """Apply the changed `parameters`. A subclass overrides this method."""
 
     def diagnose(self, now: float) -> Iterable[Finding]:
         """Return the findings of this stage at time `now` in s on the monotonic clock."""
@@ -200,7 +200,10 @@ class StageNode(PortNode, Generic[P]):
         return True
 
     def _changed(self, changes: Sequence[Parameter]) -> P:
-        """Return the changed parameters. Raises `ParameterError` if they are invalid."""
+        """Return the parameter set as it will be after some changes.
+
+        Raises `ParameterError` if a change is invalid.
+        """
         values = self.parameters.as_mapping()
         changed = {change.name: change.value for change in changes if change.name in values}
         return type(self.parameters).from_mapping({**values, **changed})

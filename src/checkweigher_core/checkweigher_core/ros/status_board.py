@@ -56,7 +56,11 @@ class StatusBoard:
         self._lock = threading.Lock()
 
     def add(self, now: float, statuses: Iterable[Any]) -> None:
-        """Add the statuses of a DiagnosticArray that arrived at time `now` in s."""
+        """Add the statuses of a DiagnosticArray that arrived at time `now` in s.
+
+        Statuses of nodes that are not in `ports.NODES`, or not in the lane of the board, are
+        ignored.
+        """
         reported: dict[str, list[Row]] = {}
         for status in statuses:
             node, _, aspect = one_line(status.name).partition(': ')
@@ -116,7 +120,7 @@ class StatusBoard:
 def _rows_of(node: str, heard: float, rows: list[Row], now: float) -> list[Row]:
     """Return the rows of a node, whose last message was received at time `heard` in s.
 
-    A silent node has only one row.
+    A node that has been silent for more than 3 s has only one row.
     """
     if now - heard > _SILENCE:
         text = f'silent for {now - heard:.0f} s; its process hangs or has ended; restart it'

@@ -30,15 +30,15 @@ class Connections:
         self._logged: set[str] = set()  # warnings about incompatible QoS that were logged
 
     def refused(self, now: float, name: str, why: str) -> None:
-        """Add a message of the topic `name` that was refused at time `now` in s.
+        """Count a message of the topic `name` that was refused at time `now` in s.
 
-        `now` is on the clock of `began`, and `why` is the reason.
+        `now` is on the clock of `began`, and `why` is the reason for the refusal.
         """
         self._refused.add(now, 1.0)
         self._refusal = f'{name}: {why}'
 
     def lacks_input(self, port: Port) -> bool:
-        """Return whether the node has an input for a port that no node publishes."""
+        """Return whether the node has an input for a port, but no node publishes the port."""
         return any(entry.port is port and not entry.count() for entry in self._node.inputs)
 
     def finding(self, now: float) -> Finding:
@@ -102,7 +102,7 @@ class Connections:
 
 
 def has_matched_all(node: Node, *outputs: Output) -> bool:
-    """Return whether outputs are connected to all compatible subscribers in the ROS graph."""
+    """Return whether all `outputs` are connected to all compatible subscribers in the ROS graph."""
     return all(
         output.publisher.get_subscription_count()
         >= sum(

@@ -41,8 +41,9 @@ def set_profiles() -> None:
 def _written(text: str) -> Path:
     """Write profiles to a file that all processes of a user share, and return its path.
 
-    If the file cannot be written, the path of the file in the package is returned. With that file,
-    only four processes on a computer reliably discover each other.
+    If the file cannot be written, or if its folder belongs to another user, the path of the file in
+    the package is returned. With that file, only four processes on a computer reliably discover
+    each other.
     """
     path = _FOLDER / f'{blake2b(text.encode(), digest_size=8).hexdigest()}.xml'
     try:

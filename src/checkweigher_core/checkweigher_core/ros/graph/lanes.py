@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Running lanes in the ROS graph."""
+"""Search for the running lanes in the ROS graph."""
 
 from rclpy.node import Node
 

@@ -27,7 +27,7 @@ OBSERVER = 'observer'  # enclave of commands that only subscribe
 PAGE = 'page'  # enclave of the page
 _PORTS = (*ports.ALL, ports.DYNAMIC_SETTING, ports.VERIFICATION_PROGRESS)
 _EVERY_NODE = frozenset({'/rosout', '/parameter_events'})
-# Topics to which nodes subscribe although the ports do not name these nodes as subscribers.
+# Further topics to which each node subscribes, although their ports do not name it as a subscriber.
 _VIEWED: dict[str, tuple[Port, ...]] = {
     'status': (ports.DIAGNOSTICS,),
     'echo': (ports.MASS_ESTIMATE, ports.VERDICT, ports.REFERENCE_MASS),
@@ -54,7 +54,7 @@ def _of(nodes: Iterable[str], names: Iterable[str]) -> set[str]:
     return {f'{node}/{name}' for node, name in product(nodes, names)}
 
 
-# Services of rclpy that a node calls at other nodes.
+# Services of rclpy that each of these nodes calls at other nodes.
 _CALLED = {
     'product': _of(NODES, services.PARAMETER_SERVICES),  # to set the parameters of a recipe
     VERIFY: _of(NODES, services.PARAMETER_SERVICES),  # to read the parameters for the report
@@ -125,12 +125,12 @@ def _full(lane: str, names: Iterable[str]) -> frozenset[str]:
 def enclaves(lanes: Iterable[str]) -> dict[str, list[tuple[str, str]]]:
     """Return the enclaves of some lanes, each with the namespaces and names of its nodes.
 
-    Each node of a lane has an enclave, except that `verify` runs in the process of the verifier. A
-    process with all nodes of a lane has another enclave. Each lane also has an enclave for the
-    commands that only subscribe, one for the commands that call services and actions, and one for
-    the command `run`. The commands `status` and `run
-    --line` belong to no lane, so their enclaves also exist without a lane. The page and each
-    gateway serve all lanes from one process, with one enclave each.
+    Each node of a lane has an enclave of its own. Only the node `verify` is in the enclave of the
+    verifier, because both run in one process. A process with all nodes of a lane has another
+    enclave. Each lane also has an enclave for the commands that only subscribe, one for the
+    commands that call services and actions, and one for the command `run`. The commands `status`
+    and `run --line` belong to no lane, so their enclaves also exist without a lane. The page and
+    each gateway serve all lanes from one process, with one enclave each.
     """
     lanes = list(lanes)
     found: dict[str, list[tuple[str, str]]] = {}
