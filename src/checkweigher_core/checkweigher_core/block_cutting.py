@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 from checkweigher_core.recording import BlockColumns, Event, Recording
 from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, SampleBlock
 
-LONGEST = 0.25  # longest duration of a joined block in s
+LONGEST = 0.25  # longest duration of a joined block in s, if the caller states no other
 _ROUNDING = 1  # largest rounding error of a stamp in ns
-_NEARLY = 1e-3  # tolerance of a position in samples; it covers the rounding of stamps
+# Tolerance in samples of the position of an edge; it allows for the rounding of stamps.
+_NEARLY = 1e-3
 
 
 def join(
@@ -36,8 +37,9 @@ def join(
     edge. However, if `ends_block` returns True for an edge, or the block is longer than `longest`,
     the block is cut at the edge, and the samples before the edge are yielded before the edge. A
     reference mass is yielded at once, also before samples that are still being joined. If `events`
-    are in canonical order, blocks and edges are yielded in the order in which a live source would
-    send them, because a source sends a block after the last sample of that block.
+    are in the order of `recording.canonical_order`, blocks and edges are yielded in the order in
+    which a live source would send them, because a source sends a block after the last sample of
+    that block.
     """
     run = _Run(sample_rate, longest)
     for event in events:
@@ -53,7 +55,10 @@ def join(
 
 
 class _Run:
-    """Consecutive blocks that will be joined into one block."""
+    """Consecutive blocks that will be joined into one block, called a run.
+
+    `sample_rate` is in Hz. The limit of the run is `longest` s of samples.
+    """
 
     def __init__(self, sample_rate: float, longest: float) -> None:
         self._sample_rate = sample_rate
@@ -68,8 +73,9 @@ class _Run:
     def goes_on_with(self, block: SampleBlock) -> bool:
         """Return whether a block can be joined to the run.
 
-        Any block can be joined to an empty run. Any other run must be followed by the block without
-        a gap, and must not become longer than the limit.
+        Any block can be joined to an empty run. A block can be joined to any other run if it
+        follows the run without a gap, in the index and in time, and if the joined run is not longer
+        than the limit.
         """
         if not self._blocks:
             return True
@@ -82,7 +88,7 @@ class _Run:
         )
 
     def take(self) -> Iterator[SampleBlock]:
-        """Yield the samples as one block, if there are any, and remove them from the run."""
+        """Yield the samples of the run as one block, if there are any, and empty the run."""
         if self._blocks:
             yield self._joined()
         self._blocks, self._count = [], 0
@@ -116,8 +122,8 @@ def join_recording(recording: Recording, longest: float = LONGEST) -> list[Sampl
     """Return the blocks and edges of a recording, with fewer and longer blocks.
 
     This function is a fast version of `join` for a whole recording, in which no edge ends a block.
-    In contrast to `join`, it does not cut a block that is longer than `longest` s. Such a block
-    precedes the edges within it. Reference masses are omitted from the result.
+    In contrast to `join`, this function does not cut a block that is longer than `longest` s. Such
+    a block precedes the edges within it. Reference masses are omitted from the result.
     """
     rate = recording.load_cell.sample_rate
     blocks = BlockColumns.of(recording.blocks)
@@ -136,7 +142,10 @@ def join_recording(recording: Recording, longest: float = LONGEST) -> list[Sampl
 
 
 def join_stretches(stretches: Iterable[Recording]) -> Iterator[SampleBlock | EyeEdge]:
-    """Yield the joined blocks and the edges of consecutive parts of a recording."""
+    """Yield the joined blocks and the edges of consecutive parts of a recording.
+
+    Blocks of different parts are not joined. Reference masses are omitted, as in `join_recording`.
+    """
     return chain.from_iterable(map(join_recording, stretches))
 
 
@@ -144,8 +153,8 @@ def _starts(blocks: BlockColumns, sample_rate: float, longest: float) -> NDArray
     """Return the positions in `blocks` of the first block of each joined block."""
     first, limit = blocks.first_indices, longest * sample_rate
     lost = np.ones(len(blocks), bool)
-    # The first comparison detects an index that decreases. The difference alone does not show this,
-    # because a difference of unsigned integers cannot be negative.
+    # The first comparison detects an index that decreases. The difference alone might not show
+    # this, because a difference of unsigned integers cannot be negative, and wraps around instead.
     lost[1:] = (first[1:] < first[:-1]) | (np.diff(first) != blocks.lengths[:-1].astype(np.uint64))
     begins = blocks.begins
     columns = (lost, blocks.stamps, begins, begins + blocks.lengths)

@@ -12,15 +12,18 @@ from typing import Any
 PARAMETER, FOUND, RECIPE, CALIBRATION = 'parameter', 'found', 'recipe', 'calibration'
 SELECTION, REFUSED, BATCH, RESET = 'selection', 'refused', 'batch', 'reset'
 RESTORED, ZERO, PERSON, LEARNED = 'restored', 'zero', 'person', 'learned'
-RECORD, REPORT = 'record', 'report'  # state of the record of a batch, and report of a batch
+# RECORD: state of a batch record; REPORT: a report of this record was made.
+RECORD, REPORT = 'record', 'report'
 TUNED = 'tuned'
-TARE = 'tare'  # control of the tare of a product by weighing a sample of empty packages
+TARE = 'tare'  # the tare of a product was checked with a sample of empty packages
 ALARM, RUN = 'alarm', 'run'  # RUN: the line was started, or was shut down normally
-TEST, TEST_BEGUN = 'test', 'test_begun'  # end and beginning of a performance test
+# TEST: a performance test has ended; TEST_BEGUN: it is about to begin, or was cancelled.
+TEST, TEST_BEGUN = 'test', 'test_begun'
 SIGNATURE = 'signature'  # electronic signature on the record of a batch, or on a log entry
 VERIFICATION = 'verification'  # the report of a verification was written
-SOFTWARE = 'software'  # digests of the legally relevant software, written at each start
-LOG = 'log'  # first entry of a log, which names the previous log
+# Digests of the legally relevant software, written at each start of `product`.
+SOFTWARE = 'software'
+LOG = 'log'  # first entry of a log, which names the previous log of the lane
 CLOCK = 'clock'  # the clock of the computer was set, or its reference has changed
 BACKUP = 'backup'  # the machine folder was restored from a backup
 
@@ -29,8 +32,9 @@ def plain(value: object) -> Any:
     """Convert a value to JSON types.
 
     Mappings are converted to dicts with strings as keys, and all other iterables except strings to
-    lists. NaN and infinities, which JSON does not have, are converted to strings, as are values of
-    all other types that JSON does not have. Strings, finite numbers, bools and None are unchanged.
+    lists. Their values and elements are converted in the same way. NaN and infinities, which JSON
+    does not have, are converted to strings, as are values of all other types that JSON does not
+    have. Strings, finite numbers, bools and None are unchanged.
     """
     if isinstance(value, float) and not math.isfinite(value):
         return str(value)

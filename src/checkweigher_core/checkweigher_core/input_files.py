@@ -8,7 +8,7 @@ from pathlib import Path
 
 
 def read_input(path: Path) -> bytes:
-    """Return the content of a file.
+    """Return the content of a regular file.
 
     Raises OSError if the file cannot be read, or if it is a pipe or a device, because reading these
     may never end.

@@ -20,7 +20,7 @@ class Pacer:
 
     rate: float  # playback speed in seconds of signal per second
     sample_rate: float  # sample rate in Hz
-    start: float  # time in s that corresponds to the stamp of the first event
+    start: float  # due time in s of the stamp of the first event
     _first_stamp: int | None = field(default=None, init=False)
 
     def due(self, event: Event) -> float:
@@ -39,9 +39,10 @@ class Pacer:
 class FlowControl:
     """Flow control of the driver, which waits while the other nodes lag too far behind.
 
-    The lag is computed from the counts that the segmenter reports, so it does not depend on the
-    depth of the DDS queues. Samples and edges are counted separately, because DDS may delay one
-    topic more than the other. The methods are not thread-safe.
+    The lag is computed from the numbers of samples, edges and items that the segmenter has
+    processed according to its reports, so it does not depend on the depth of the DDS queues.
+    Samples and edges are counted separately, because DDS may delay one topic more than the other.
+    The methods are not thread-safe.
     """
 
     # Largest lag in s of signal. It must be less than the parameter `edge_lateness` of the
@@ -49,7 +50,7 @@ class FlowControl:
     max_duration: float = 1.0
     max_blocks: int = 500  # largest lag in blocks, below the depth of the DDS queue
     max_edges: int = 500  # largest lag in edges, below the depth of the DDS queue
-    max_items: int = 100  # largest number of items with a window but without a verdict
+    max_items: int = 100  # largest number of items with a weigh window but without a verdict
 
     def __post_init__(self) -> None:
         self.samples_sent = 0
@@ -59,14 +60,18 @@ class FlowControl:
         self._samples_missed = 0  # number of sent samples that a restarted segmenter has missed
 
     def sent(self, event: Event) -> None:
-        """Count an event that is about to be sent."""
+        """Count an event that is about to be sent. Reference masses are not counted."""
         if isinstance(event, SampleBlock):
             self.samples_sent += len(event.counts)
         elif isinstance(event, EyeEdge):
             self._edges.append(event.stamp)
 
     def taken(self, samples: int, edges: int, items: int) -> None:
-        """Update the numbers of samples, edges and items that the segmenter has processed."""
+        """Update the numbers of samples, edges and items that the segmenter has processed.
+
+        If the number of samples or edges is less than before, the segmenter was restarted. The
+        events that were sent before are then no longer awaited.
+        """
         if samples < self._samples_taken or edges < self._edges_taken:
             # Do not wait for the earlier events, because the segmenter was restarted and did not
             # receive them.
@@ -77,7 +82,12 @@ class FlowControl:
         self._samples_taken, self._edges_taken, self._items_cut = samples, edges, items
 
     def may_send(self, event: Event, sample_rate: float) -> bool:
-        """Return whether an event may be sent now."""
+        """Return whether an event may be sent now.
+
+        A block must wait while too many samples are not processed yet, or too many items have no
+        verdict yet. A block or an edge must also wait for earlier edges (see `awaits_edges`). A
+        reference mass never waits.
+        """
         if isinstance(event, SampleBlock):
             limit = min(self.max_duration * sample_rate, self.max_blocks * len(event.counts))
             if self._samples_on_their_way > limit:

@@ -34,7 +34,7 @@ def package_missing(name: str, value: str, module: str) -> ParameterError:
 
 
 class SettingsError(ParameterError):
-    """Raised if the content of a settings file or parameter file is invalid.
+    """Raised if a settings file or parameter file cannot be read, or if its content is invalid.
 
     `path` contains the keys that lead to the invalid field in the file. `yaml_files.opened` adds
     the file name and the line to the message.
@@ -89,8 +89,8 @@ def describe(entry: 'Field[Any]') -> Description:
 class Parameters:
     """Base class of all parameter sets, which checks types and ranges.
 
-    A field may be a parameter set itself. The names of its parameters then begin with the name of
-    the field and a dot, as in ``tvlpf.gain``.
+    A field may be a parameter set itself. The names of the parameters in the inner set then begin
+    with the name of the field and a dot, as in ``tvlpf.gain``.
 
     Raises
     ------
@@ -208,8 +208,8 @@ def _number(kind: type, description: Description, value: object) -> float:
 def check_cost(parameters: Parameters, cost: Callable[..., float], *names: str) -> None:
     """Raise ParameterError if the computation for one item would take more than 0.05 s.
 
-    `cost` estimates the duration in s from the parameters `names`. The message names the one of
-    these parameters that would shorten the computation most if it had its default value.
+    `cost` estimates the duration in s from the parameters `names`. The message names the parameter
+    whose default value would shorten the computation most.
     """
     values = {name: getattr(parameters, name) for name in names}
     if (seconds := cost(**values)) <= _MAX_COST:

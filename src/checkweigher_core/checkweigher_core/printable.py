@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Printable texts for logs, messages and terminals."""
 
-_LONGEST = 500  # default of the largest number of characters in a line
+# Default of the largest number of characters, before any are replaced by escape sequences.
+_LONGEST = 500
 
 
 def one_line(text: object, longest: int = _LONGEST) -> str:

@@ -56,7 +56,7 @@ class Settings:
 
 
 def read_settings(source: Path | str, kind: type[_Kind]) -> _Kind:
-    """Return the settings in the file with a path, or in a text.
+    """Return the settings in a file, if `source` is its path, or in the text `source`.
 
     Raises `SettingsError` if the file cannot be read, or if the settings are invalid.
     """
@@ -67,8 +67,8 @@ def read_settings(source: Path | str, kind: type[_Kind]) -> _Kind:
 def write_settings(path: Path, settings: Settings, mode: int = 0o644) -> None:
     """Write settings to a file as JSON. An existing file is replaced.
 
-    `mode` contains the permissions of the file. If the file cannot be written, OSError is raised,
-    and an existing file is left unchanged.
+    If `path` is a link, its target is replaced. `mode` contains the permissions of the file. If the
+    file cannot be written, OSError is raised, and an existing file is left unchanged.
     """
     text = json.dumps({'format': settings.format, **plain(settings)})
     replace_file(Path(os.path.realpath(path)), [f'{text}\n'.encode()], mode)
@@ -111,10 +111,11 @@ def _fields(kind: Any) -> dict[str, tuple['Field[Any]', Any]]:
 def settings_of(kind: type[_Kind], content: Any, *path: Any, newer: bool = False) -> _Kind:
     """Return the settings in a mapping. Raises `SettingsError` if they are invalid.
 
-    `path` contains the keys that lead to the mapping in its file. If a value is absent or empty,
-    the field gets its default; a field without a default is then invalid. An unknown key is
-    invalid, because it is probably a typing error. However, it is kept in `unknown` if the file has
-    a newer format. `newer` is true if an enclosing mapping has stated a newer format.
+    `path` contains the keys that lead to the mapping in its file. If a value is absent, null or an
+    empty string, the field gets its default. A field without a default is then invalid, and also if
+    its value is an empty list or an empty mapping. An unknown key is invalid, because it is
+    probably a typing error. However, it is kept in `unknown` if the file has a newer format.
+    `newer` is true if an enclosing mapping has stated a newer format.
     """
     content, known = kind.prepared(content), _fields(cast(Any, kind))
     if not isinstance(content, dict):
@@ -140,7 +141,10 @@ def _names(known: Iterable[str]) -> str:
 def _unknown(
     known: Iterable[str], content: Mapping[str, Any], path: tuple[Any, ...], newer: bool
 ) -> dict[str, Any]:
-    """Return the values of unknown keys of a newer format.
+    """Return the values of unknown keys by key if the format is newer, otherwise {}.
+
+    For a newer format, the result also contains the key ``format`` if it is stated, so that a file
+    written from the settings keeps the number of its format.
 
     Raises `SettingsError` if there is an unknown key, and the format is not newer.
     """
@@ -155,9 +159,9 @@ def _unknown(
 
 
 def _is_given(entry: Any, value: Any, path: tuple[Any, ...]) -> bool:
-    """Return whether a value is not empty, and differs from the default of its field.
+    """Return whether a value is neither None nor '', and differs from the default of its field.
 
-    Raises `SettingsError` if the value is empty, and the field has no default.
+    Raises `SettingsError` if the field has no default, and the value is None, '', [] or {}.
     """
     if entry.default is MISSING and value in (None, '', [], {}):
         raise SettingsError('is missing; add it', *path)
@@ -198,7 +202,10 @@ def _placed(error: ValueError, path: tuple[Any, ...]) -> SettingsError:
 
 
 def _leaf(kind: Any, inner: tuple[Any, ...], entry: Any, value: Any, newer: bool) -> Any:
-    """Convert a value that contains no `Settings` to the type of its field."""
+    """Convert a value that contains no `Settings` to the type of its field.
+
+    Raises ValueError if the value is invalid.
+    """
     allowed = describe(entry)
     if issubclass(kind, Parameters):  # unknown parameters of a newer format are ignored
         table = _checked(value, dict, 'a table of "name: value" lines').items()
@@ -221,7 +228,8 @@ def _numbers(kind: Any, inner: tuple[Any, ...], entry: Any, value: Any) -> Any:
 def _checked(value: Any, kind: type[Any], what: str, count: int | None = None) -> Any:
     """Return a value unchanged.
 
-    Raises ValueError if the value is not of the type `kind`, or does not have `count` entries.
+    Raises ValueError if the value is not of the type `kind`, or does not have `count` entries,
+    unless `count` is None.
     """
     if not isinstance(value, kind) or (count is not None and len(value) != count):
         raise ValueError(f'{reprlib.repr(value)} is not {what}')

@@ -30,7 +30,7 @@ def state_file(name: str) -> Path:
 
 
 def replace_file(path: Path, parts: Iterable[bytes], mode: int = 0o644) -> None:
-    """Write the bytes `parts` to a file, as `replacing` does.
+    """Replace a file by the concatenation of `parts`, in the safe way of `replacing`.
 
     Raises OSError if the file cannot be written.
     """
@@ -62,7 +62,10 @@ def replacing(path: Path, mode: int = 0o644) -> Iterator[BinaryIO]:
 
 
 def sync_folder(path: Path) -> None:
-    """Flush the entries of a folder to the disk, so that they survive a power cut."""
+    """Flush the entries of a folder to the disk, so that they survive a power cut.
+
+    Raises OSError if the folder cannot be opened or flushed.
+    """
     with _opened(path) as folder:
         os.fsync(folder)
 

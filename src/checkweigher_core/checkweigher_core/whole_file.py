@@ -43,7 +43,8 @@ def write_whole(path: Path, content: str | bytes | Iterable[str], mode: int = 0o
 def is_stream(path: Path) -> bool:
     """Return whether a path leads to a device, a pipe or the standard output.
 
-    The caller must write to such a file, and must not replace it by a regular file.
+    The result is False if nothing exists at the path. The caller must write to a stream, and must
+    not replace it by a regular file.
     """
     try:
         there = os.stat(path)
