@@ -139,7 +139,7 @@ def replace_version(path: Path, new: Path) -> int:
     """Replace a file by another file, and return the version number of the new content.
 
     The old file is kept as ``NAME.vN.yaml``. Raises OutputError, and replaces nothing, if the old
-    file cannot be kept.
+    file cannot be kept. Raises OSError if `new` cannot be moved to `path`.
     """
     version = max([0, *_kept_versions(path)]) + 1
     if path.exists():
@@ -175,7 +175,7 @@ def _sections(path: Path | None) -> dict[str, Any]:
 
 
 def source_values(path: Path, source: str) -> dict[str, object]:
-    """Return the values that a parameter file sets for a source, by parameter name.
+    """Return the values that a parameter file sets for a source, by the names of its parameters.
 
     Raises SettingsError if the file is invalid or cannot be read.
     """
@@ -193,9 +193,10 @@ def _values_of(sections: Any, source: str) -> dict[str, object]:
 
 
 def calibrated_sources() -> list[str]:
-    """Return the names of the sources with calibration parameters. A bag has none.
+    """Return the names of the sources with calibration parameters.
 
-    Raises ParameterError if a package that a source needs is not installed.
+    A bag, for example, has no such parameters. Raises ParameterError if a package that a source
+    needs is not installed.
     """
     return [name for name in SOURCES if _is_calibrated(name)]
 

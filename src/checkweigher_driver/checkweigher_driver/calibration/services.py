@@ -35,8 +35,8 @@ from checkweigher_driver.calibration.static_calibration import (
     StaticReading,
 )
 
-# A reading ends by itself after the time in the parameter `patience`. If a reading takes longer by
-# this time in s, no samples arrive.
+# Time in s beyond the parameter `patience` after which a call stops waiting for a reading, because
+# no samples arrive. While samples arrive, a reading ends by itself within `patience`.
 _SILENCE = 5.0
 
 # Fields that StaticCalibration and the response of finish_calibration have in common.
@@ -141,7 +141,7 @@ class CalibrationServices:
     def _publish_progress(self, cell: LoadCell, reading: RestReading | None) -> None:
         """Publish a new reading of the latest samples as feedback of the action.
 
-        If a service reads the load, nothing is published.
+        Nothing is published if a service reads the load, or if there is no new reading.
         """
         found = None if reading is None else reading.latest
         if self._tell is None or reading is None or found is None or found is self._told:
@@ -159,7 +159,8 @@ class CalibrationServices:
     def _checked(self) -> tuple[CalibrationSession, Path]:
         """Return the calibration session and the path of the calibration file.
 
-        Raises ValueError if the load cell cannot be calibrated now.
+        Raises ValueError if the source has no calibration parameters, if the parameter `file` is
+        empty or its file cannot be written, or if the driver is not active.
         """
         check_calibrated_source(self._source)
         path = self._parameters.path

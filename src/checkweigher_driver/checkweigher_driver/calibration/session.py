@@ -71,10 +71,11 @@ class CalibrationParameters(Parameters):
 
 
 class CalibrationSession:
-    """Calibration session. Loads are read one after the other, then `finish` fits the points.
+    """Calibration session, in which known masses are read one after the other.
 
-    A session is idle if `reading` is None; otherwise it reads a load. `begin` starts to read a
-    load. The session is idle again when the load was read, or after an error.
+    Each complete reading becomes a point, and `finish` fits a calibration to the points. A session
+    is idle if `reading` is None; otherwise it reads a load. `begin` starts to read a load. The
+    session is idle again when the load has been read, or after an error.
     """
 
     def __init__(self, load_cell: LoadCell, steadiness: Steadiness) -> None:
@@ -89,8 +90,8 @@ class CalibrationSession:
         """Begin to read a load with its mass and uncertainty in kg, both 0 for the empty belt.
 
         `edges` contains the latest edge of each photo-eye. Raises CalibrationError if another load
-        is being read, if the mass or the uncertainty is invalid, or if the mass is 0 and an eye is
-        blocked.
+        is being read, if the mass or the uncertainty is not finite, if the uncertainty is negative,
+        or if the mass is 0 and an eye is blocked.
         """
         if self.reading is not None:
             raise CalibrationError('a load is being read already; wait for the answer')
@@ -140,9 +141,9 @@ class CalibrationSession:
         `edges` contains the latest edge of each photo-eye. `stamp` is the stamp of the latest block
         in ns, and `now` is the time in s on the same monotonic clock as in `add`.
 
-        Raises CalibrationError if the points do not determine a calibration, if a residual is too
-        large, if the first point is more than an hour old, if a load is being read, or if a product
-        may be on the belt.
+        Raises CalibrationError if there are no points, if the points do not determine a
+        calibration, if a residual is too large, if the first point is more than an hour old, if a
+        load is being read, or if an eye is blocked or has switched within the last 2 s.
         """
         if self.reading is not None:
             raise CalibrationError('a load is being read; wait for the answer')

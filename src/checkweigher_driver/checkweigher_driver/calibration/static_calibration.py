@@ -23,7 +23,8 @@ _LEAST_SAMPLES = 10 * BATCHES
 _ITERATIONS = 10  # number of iterations of the fit, which converges fast
 _LOOK_PERIOD = 0.5  # time in s between two checks whether a load is at rest
 _LEAST_SPAN = 100.0  # smallest allowed ratio of the sensitivity to its uncertainty
-_QUANTISATION = 1 / math.sqrt(12)  # standard uncertainty in counts due to the converter
+# Standard uncertainty in counts due to the rounding of readings to whole counts.
+_QUANTISATION = 1 / math.sqrt(12)
 
 
 class CalibrationError(ValueError):
@@ -69,7 +70,7 @@ def read_static(counts: NDArray[np.int32], min_counts: int, max_counts: int) -> 
 
 @dataclass(frozen=True, slots=True)
 class Steadiness:
-    """Limits within which a load counts as at rest."""
+    """Limits within which a load counts as at rest, and the time for which they must hold."""
 
     duration: float = 5.0  # duration of the reading in s
     tolerance: float = 1e-4  # largest drift and standard error of the reading in kg
@@ -78,11 +79,12 @@ class Steadiness:
 
 
 class RestReading:
-    """Measurement of a load, which waits until the load has been at rest for long enough.
+    """Measurement of a load, which waits until the load has been at rest for the required time.
 
-    The sensitivity of `load_cell` converts the tolerance of `steadiness` to counts. `latest` is the
-    reading of the samples at the latest check, even if the load moves. It is None until a check has
-    had enough samples, none of them at a limit of the converter.
+    The required time is `steadiness.duration`. The sensitivity of `load_cell` converts the
+    tolerance of `steadiness` to counts. `latest` is the reading of the samples at the latest check,
+    even if the load moves. It is None until a check has had enough samples, none of them at a limit
+    of the converter.
     """
 
     def __init__(self, load_cell: LoadCell, steadiness: Steadiness) -> None:
@@ -95,12 +97,12 @@ class RestReading:
         self.latest: StaticReading | None = None
 
     def add(self, block: SampleBlock) -> StaticReading | None:
-        """Add a block; return the reading if the load has been at rest for long enough, or None.
+        """Add a block; return the reading if the load was at rest for the required time, or None.
 
         The load is checked every 0.5 s of samples. After a loss of samples the measurement begins
-        again, because the load may have moved. The time limit `patience` does not begin again.
-        Raises CalibrationError if a complete measurement contains a sample at or beyond a limit of
-        the converter, or if the load has not come to rest within the time limit.
+        again, because the load may have moved. However, the time limit `patience` does not begin
+        again. Raises CalibrationError if a complete measurement contains a sample at or beyond a
+        limit of the converter, or if the load has not come to rest within the time limit.
         """
         rate, wanted, counts = self._load_cell.sample_rate, self._steadiness, block.counts
         whole = self._next in (None, block.first_index)
@@ -159,7 +161,7 @@ class CalibrationPoint:
 
 @dataclass(frozen=True, slots=True)
 class StaticCalibration:
-    """Zero (counts) and sensitivity (counts/kg) with standard uncertainties."""
+    """Zero in counts and sensitivity in counts/kg, with standard uncertainties and residuals."""
 
     zero_counts: float
     counts_per_kg: float
