@@ -55,7 +55,7 @@ class AedParameters(SerialParameters):
 
 
 class AedSource(SerialSource):
-    """Load cell that streams frames of a three-byte reading and a check or status byte (COF 8)."""
+    """Load cell that streams binary frames: a 3-byte reading and a check or status byte (COF 8)."""
 
     parameters = AedParameters
 

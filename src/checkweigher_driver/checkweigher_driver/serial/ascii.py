@@ -106,7 +106,10 @@ class LineDecoder(Decoder):
 
     @property
     def missing(self) -> int:
-        """Number of bytes until the next line is complete, if it is as long as the line before."""
+        """Estimated number of bytes until the next line is complete, at least 1.
+
+        The next line is assumed to be as long as the last valid line.
+        """
         return max(self.frame_bytes - len(self._data), 1)
 
     def feed(self, data: bytes) -> Decoded:

@@ -22,8 +22,8 @@ class BlockMaker:
     decoder did not detect. If the step or loss exceeds 20 ms, an item on the belt gets the decision
     FAULT.
 
-    `latency` is the shortest time in s from a sample to the read that returns it. `limits` are the
-    lower and the upper limit of the converter in counts.
+    `latency` is the shortest time in s from a sample to the read that returns it. `limits` contains
+    the lower and the upper limit of the converter in counts.
     """
 
     def __init__(self, sample_rate: float, latency: float, limits: tuple[int, int]) -> None:
@@ -51,7 +51,7 @@ class BlockMaker:
         """Convert a read to blocks, and yield the blocks whose stamps are certain now.
 
         These include blocks that were held back before. A new block begins after each gap in the
-        samples.
+        samples. A reading that overflows is replaced by the limit of the converter with its sign.
         """
         values, (low, high) = read.values, self._limits
         at_limit = np.where(values.counts < 0, low, high)

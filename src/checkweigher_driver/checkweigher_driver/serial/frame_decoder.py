@@ -6,17 +6,18 @@ A frame is a 24-bit two's complement number with the most significant byte first
 its bytes or a status byte, then CR LF on some models. CR and LF also occur inside frames, so they
 do not delimit frames.
 
-A place is a position in the data at which frames may begin. Without CR LF, the XOR does not show
-the true place. If the signal changes slowly, frames also seem valid at wrong places. For example,
-in A B C X A B C X with X = A ^ B ^ C, each byte is the XOR of the three bytes before it. Frames
-that are read one byte late then seem invalid only if A changes.
+A place is a position in the data at which frames may begin. At the true place, frames do begin.
+Without CR LF, a valid XOR does not prove that a place is the true place, because frames also seem
+valid at wrong places if the signal changes slowly. For example, in A B C X A B C X with X = A ^ B ^
+C, each byte is the XOR of the three bytes before it. Frames that are read one byte late then seem
+invalid only if A changes.
 
 At a wrong place, a change d of the reading appears as a change of 256 d or more, with an error of
 at most 255. If several frames seem valid at several places, the readings at the true place
 therefore change least from frame to frame. A frame without CR LF is returned only if it and the
 next four frames are valid, and if the readings at no other place change much less. A wrong byte
 therefore also discards up to four earlier frames. A wrong place is accepted only if the signal does
-not change for four frames. Frames with CR LF both inside and at their end are treated in the same
+not change for four frames. Frames that contain CR LF also before their end are treated in the same
 way.
 """
 
@@ -49,7 +50,9 @@ class _Places:
     may seem valid at a wrong place. `run` marks places at which five consecutive frames are valid.
     `begins` marks such places if the readings change less there than at all other places with valid
     frames, and `slipped` marks places at which the readings change much more than at another place
-    with valid frames.
+    with valid frames. All attributes are arrays with one element for each position in the data from
+    which one complete frame follows; for `run`, `begins` and `slipped`, from which five complete
+    frames follow.
     """
 
     def __init__(self, data: NDArray[np.uint8], size: int, checksum: bool) -> None:
@@ -84,7 +87,7 @@ class _Places:
             self.slipped |= run[other] & (_CLEARLY * change[other] + _TINY < change[:k])
             unsure |= run[other] & (change[other] <= all_change)
         self.begins = self.run & ~unsure
-        # A frame with CR LF inside may seem valid at a wrong place.
+        # A frame with CR LF before its end is doubtful, because it may seem valid at a wrong place.
         if size == _WITH_TRAILER:
             inside = (data[: n + 2] == ord('\r')) & (data[1 : n + 3] == ord('\n'))
             self.doubtful = inside[:n] | inside[1 : n + 1] | inside[2 : n + 2]
@@ -138,7 +141,10 @@ class FrameDecoder(Decoder):
 
     @property
     def missing(self) -> int:
-        """Estimated number of bytes until the next frame is complete."""
+        """Estimated number of bytes until the next frame is complete, at least 1.
+
+        If the frame size is unknown, frames with CR LF are assumed.
+        """
         size = self.frame_bytes or _WITH_TRAILER
         return size - len(self._data) % size
 

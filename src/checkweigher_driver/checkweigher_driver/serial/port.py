@@ -37,7 +37,7 @@ def open_port(name: str, baud_rate: int) -> serial.Serial:
 
 
 def reason_of(name: str, error: Exception) -> str:
-    """Return the reason of an error of a serial port, for a technician."""
+    """Return the reason of an error of the serial port `name`, in words for a technician."""
     # pyserial wraps some errors in another error, which has no error number. Then use the number of
     # the wrapped error.
     number = getattr(error, 'errno', None) or getattr(error.__context__, 'args', (None,))[0]

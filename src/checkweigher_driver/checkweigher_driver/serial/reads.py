@@ -14,8 +14,8 @@ from checkweigher_driver.serial.decoder import Decoded, Decoder
 from checkweigher_driver.serial.port import SerialError
 
 _RATE_PERIOD = 5.0  # time in s over which the sample rate is measured
-_RATE_TOLERANCE = 0.05  # smallest relative error of the sample rate that is reported
-_RESUMING = 0.1  # shortest duration in s of the reads that determine the index after a break
+_RATE_TOLERANCE = 0.05  # smallest relative error of the nominal sample rate that is reported
+_RESUMING = 0.1  # shortest duration in s of the readings that determine the index after a break
 
 
 class Read(NamedTuple):
@@ -47,14 +47,15 @@ class ValueReader:
     def reads(self, port: serial.Serial, decoder: Decoder) -> Iterator[Read]:
         """Yield each read that completes at least one reading, until `closed` is set.
 
-        Raises `SerialError` if the device is silent, and passes on the exceptions of a port that
-        has disappeared.
+        Raises `SerialError` if no reading arrives for `timeout` s. If the port has disappeared, the
+        exception of the port is raised.
         """
         self.comes, self.trouble = False, ''
         began, number = 0.0, 0  # start of the rate measurement in s, and number of readings since
         last_value, idle_bytes = time.monotonic(), 0
         while not self._closed.is_set():
-            # As long as the frame size is unknown, it is assumed to be one byte.
+            # While the frame size is unknown, assume one byte, so that the read does not wait too
+            # long.
             rest = (self._in_block - 1) * max(decoder.frame_bytes, 1)
             skipped, bad = decoder.skipped_bytes, decoder.bad_frames
             data = port.read(rest + decoder.missing)

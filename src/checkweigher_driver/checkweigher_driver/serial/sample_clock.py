@@ -33,15 +33,16 @@ _REFIT = 0.25  # time in s between two fits
 # Duration in s of the signal after which a new line is used, and for which reads must be late
 # before they begin a new line.
 _WARM_UP = 1.0
-_WARM_UP_READS = 20  # smallest number of reads in this time, for both purposes
+# Smallest number of reads in `_WARM_UP`: of a new line before its use, and of late reads.
+_WARM_UP_READS = 20
 _MAX_DRIFT = 0.02  # largest relative error of the nominal sample rate
 _KNOWN_DRIFT = 300e-6  # largest relative change of a known sample rate
 _KNOWN_AFTER = 20.0  # time in s after which the sample rate is known
 _SHIFT = 5_000_000  # smallest earliness or lateness of reads in ns that begins a new line
 _SLEW = 2e-3  # largest relative rate at which the stamps of a settled clock approach the line
-_WARM_UP_SLEW = 0.5  # largest relative rate at which they approach it before the clock is settled
+_WARM_UP_SLEW = 0.5  # largest relative rate of this approach before the clock is settled
 
-_Point = tuple[int, float]  # index, and delay in ns relative to the nominal sample rate
+_Point = tuple[int, float]  # sample index, and delay in ns relative to the nominal sample rate
 
 
 @dataclass(slots=True)
@@ -85,7 +86,8 @@ class SampleClock:
         self._period = NANOSECONDS / sample_rate
         self._latency = round(latency * NANOSECONDS)
         self._slopes = (-_MAX_DRIFT * self._period, _MAX_DRIFT * self._period)
-        self._origin = 0, 0  # index and time of the first read
+        # Index of the first sample of the first read, and time in ns of this read.
+        self._origin = 0, 0
         self._steps = 0
         self._shifts = 0
         self._delays = (0.0, 0.0)  # mean and maximum delay in ns of the reads of the last bucket

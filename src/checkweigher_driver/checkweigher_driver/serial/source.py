@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Load cell on a serial port, which is opened again after a break of the connection."""
+"""Load cell on a serial port. The port is opened again after a break of the connection."""
 
 from abc import abstractmethod
 from collections.abc import Iterator
@@ -132,10 +132,10 @@ class SerialSource(Source):
         return '', ''
 
     def _begin(self, port: serial.Serial) -> None:
-        """Start the stream of the device."""
+        """Start the stream of the device. A subclass overrides this if a command is needed."""
 
     def _end(self, port: serial.Serial) -> None:
-        """Stop the stream of the device."""
+        """Stop the stream of the device. A subclass overrides this if a command is needed."""
 
     def __iter__(self) -> Iterator[Event]:
         """Yield blocks until `close` is called.
@@ -239,5 +239,5 @@ class SerialSource(Source):
         )
 
     def figures(self) -> dict[str, float]:
-        """Return values on samples, losses, breaks and the clock for the diagnostics."""
+        """Return values on samples, losses, breaks and the clock for the diagnostics, by name."""
         return {**self._blocks.figures(), **self._reader.figures, 'breaks': self._breaks}
