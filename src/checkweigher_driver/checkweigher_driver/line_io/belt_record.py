@@ -140,9 +140,9 @@ class BeltRecord:
     def keep(self, belt: OnBelt) -> None:
         """Write the state of the belt. If the belt starts, wait until the state is on the disk.
 
-        In other cases the method does not wait for the thread that writes the state. Raises OSError
-        if the state, or the state of an earlier call, cannot be written. The belt must then not
-        run.
+        In other cases the method does not wait for the thread that writes the state. If the state
+        cannot be written, OSError is raised, at once if the belt starts, otherwise by a later call
+        in which `belt.released` is true. The belt must then not run.
         """
         if belt.released and self._writing.done():
             self._writing.result()
@@ -162,7 +162,10 @@ class BeltRecord:
             raise OSError(f'{_NAME}: {str(self._path)!r}: {why}') from None
 
     def close(self, belt: OnBelt) -> None:
-        """Write the final state of the belt to the disk, and close the file."""
+        """Write the final state of the belt to the disk, and close the file.
+
+        Raises OSError if the state cannot be written; the file is closed also in this case.
+        """
         self._writer.shutdown()
         try:
             self._write(belt)

@@ -14,10 +14,10 @@ _TRIES = 5
 
 
 def read_clocks() -> tuple[int, int]:
-    """Return simultaneous readings in ns of the monotonic and the real-time clock.
+    """Return nearly simultaneous readings in ns of the monotonic and the real-time clock.
 
-    The clocks are read several times. The readings that are closest together are returned, because
-    the thread may be suspended between two readings.
+    The clocks are read several times. The two readings that are closest together are returned,
+    because the thread may be suspended between two readings.
     """
 
     def reading() -> tuple[int, int, int]:

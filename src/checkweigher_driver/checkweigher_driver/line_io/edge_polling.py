@@ -96,7 +96,8 @@ class EdgePolling:
     def lose(self, now: int, to_stamp: int, text: str) -> list[EyeEvent]:
         """Return the loss of the eyes after a failed poll, or an empty list during a loss.
 
-        `now` is the time of the failed poll, and `text` is the reason of its failure.
+        `now` is the time at which the failed poll began, `to_stamp` is the same difference as in
+        `add`, and `text` is the reason of the failure.
         """
         if self._lost:
             return []

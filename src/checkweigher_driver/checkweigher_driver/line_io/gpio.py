@@ -208,7 +208,10 @@ class GpioOutputs(OutputPort):
         self._lines.set_values(self._values(levels))
 
     def refresh(self, levels: Levels) -> bool | None:
-        """Set the levels of the lines, toggle the heartbeat, and read the belt input."""
+        """Set the levels of the lines, toggle the heartbeat, and read the belt input.
+
+        Return whether the belt runs, or None without a belt input.
+        """
         self._beat = not self._beat
         self.switch(levels)
         if self._parameters.belt < 0:

@@ -218,12 +218,15 @@ class ModbusOutputs(OutputPort):
         self._write(self._coils(levels))
 
     def switch(self, levels: Levels) -> None:
-        """Write the coils that change."""
+        """Write the coils whose states differ from the states written last."""
         coils = self._coils(levels).items()
         self._write({address: on for address, on in coils if self._written.get(address) != on})
 
     def refresh(self, levels: Levels) -> bool | None:
-        """Write all coils and the watchdog register, and read the belt input."""
+        """Write all coils and the watchdog register, and read the belt input.
+
+        Return whether the belt runs, or None without a belt input.
+        """
         self._write(self._coils(levels))
         wanted = self._parameters
         if wanted.watchdog >= 0:

@@ -16,7 +16,7 @@ from checkweigher_driver.line_io.rejector_control import OutputParameters, Rejec
 from checkweigher_driver.sources import RETRY_TIME, shorten_switch_interval
 
 _CLOSE_TIME = 3.0  # longest wait in s for the end of the thread
-_REFRESH_TIME = 5_000_000  # longest duration of a refresh in ns
+_REFRESH_TIME = 5_000_000  # assumed longest duration of a refresh in ns
 
 
 class OutputPort(ABC):
@@ -85,7 +85,7 @@ class MachineOutputs:
     def ready(self) -> bool:
         """Whether the outputs can be switched.
 
-        Also true before `open`, and if the machine has no outputs.
+        This is also true before `open`, and if the machine has no outputs.
         """
         return not self._port_trouble
 

@@ -195,7 +195,7 @@ class RejectorControl:
             )
 
     def next_switches(self, now: int) -> Switches:
-        """Return the times at which the outputs switch next. In the safe state, return infinity."""
+        """Return the times in ns at which the outputs switch next; infinite in the safe state."""
         return self._sorter.next_switches(now) if self.active else Switches()
 
     def _check_verdicts(self, now: int, to_monotonic: int | None) -> None:
@@ -218,7 +218,7 @@ class RejectorControl:
         self._items.edge(edge)
 
     def announce(self, item: Item) -> None:
-        """Set the number of an item on the belt from a message of the segmenter."""
+        """Set the number and the time t2 of an item on the belt from a message of the segmenter."""
         self._items.announce(item)
 
     def verdict(self, verdict: Verdict, now: int) -> None:
@@ -247,7 +247,7 @@ class RejectorControl:
         self._sorter.reconnect(now)
 
     def disconnect(self) -> None:
-        """Record the loss of the connection."""
+        """Record the loss of the connection, in which the state of the belt input is unknown."""
         self._losses += self.connected
         self.connected = False
         self.motion.measured = None

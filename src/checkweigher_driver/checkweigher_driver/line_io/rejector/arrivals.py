@@ -79,7 +79,8 @@ class Arrivals:
     def entered_before(self, verdict: Verdict, time: int) -> bool:
         """Return whether an item was at the infeed eye before `time`, and never at the outfeed eye.
 
-        `time` is in ns on the monotonic clock.
+        `time` is in ns on the monotonic clock. Returns False if the time at the infeed eye is
+        unknown.
         """
         to_monotonic = self.clock.look()
         if to_monotonic is None or verdict.t1 is None or verdict.t3 is not None:
@@ -89,7 +90,7 @@ class Arrivals:
     def unjudged(
         self, items: Iterable[BeltItem], now: int, late: int, to_monotonic: int | None
     ) -> list[BeltItem]:
-        """Return the items without a verdict that arrived at the rejector over `late` ns ago.
+        """Return the items without a verdict that reached the rejector more than `late` ns ago.
 
         Each item is assumed to have the travel time of the last item that certainly was one
         product. `to_monotonic` is the monotonic time minus the real time in ns, or None if it is

@@ -19,7 +19,7 @@ class BeltMotion:
         self.released = False
         self._watchdog_time = watchdog_time
         self._may_run = False
-        # Time of the last heartbeat, and whether the belt was allowed to run then.
+        # Time of the last heartbeat in ns, and whether the belt was allowed to run then.
         self._heartbeat: tuple[int, bool] | None = None
         self._stopped_at: int | None = None  # time of the last stop that no belt input measured
 

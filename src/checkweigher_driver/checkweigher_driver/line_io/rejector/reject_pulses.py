@@ -106,7 +106,10 @@ class RejectPulses:
         self.skipped = 0
 
     def resume(self, here: int) -> None:
-        """Extend all unfinished pulses after a stop of the belt at belt time `here` in ns."""
+        """Extend all unfinished pulses by `belt_margin` at both ends after a stop of the belt.
+
+        `here` is the belt time of the stop in ns.
+        """
         waiting = [(begin, end) for begin, end in self._pulses if end > here]
         self._pulses = []
         for begin, end in waiting:

@@ -11,7 +11,7 @@ _PERMISSION_TIME = round(FRESH_TIME * NANOSECONDS)
 
 
 class RunPermission:
-    """Permission to run and stop requests of the node reject.
+    """Latest permission to run and latest stop request of the node reject.
 
     A permission expires after `FRESH_TIME`. The node has then ended or hangs, and may have lost its
     stop requests.
@@ -56,7 +56,7 @@ class RunPermission:
             self._missed.shown = True
 
     def _end_silence(self) -> None:
-        """Add the stop request from before a silence of the node reject to the missed products.
+        """Add the last stop request before a silence of the node reject to the missed products.
 
         Otherwise a restart of the node would cancel the stop request before a person has looked for
         the product.

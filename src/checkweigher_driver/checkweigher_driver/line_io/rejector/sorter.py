@@ -90,7 +90,8 @@ class Sorter:
         """Return whether a person has cleared the belt while the item was on it.
 
         The verdict of a removed item comes after the longest travel time of an item. If the item is
-        still on the belt, it later passes the outfeed eye without a verdict, which stops the line.
+        still on the belt after all, it later passes the outfeed eye and gets no further verdict,
+        which stops the line.
         """
         looked_at = self._missed.looked_at
         return looked_at is not None and self._arrivals.entered_before(verdict, looked_at)
@@ -170,7 +171,10 @@ class Sorter:
             self._missed.add('the rejector could not be reached in time to act; look behind it')
 
     def resume(self, here: int) -> None:
-        """Extend all unfinished pulses after a stop of the belt at belt time `here` in ns."""
+        """Extend all unfinished pulses by `belt_margin` at both ends after a stop of the belt.
+
+        `here` is the belt time of the stop in ns.
+        """
         for pulses in self._pulses:
             pulses.resume(here)
 
