@@ -162,7 +162,8 @@ class SourceStream:
             failure = str(error)
         with self._changed:
             if not self._stopping:
-                # Items on the belt get the decision FAULT when the other nodes get the report.
+                # Report the end, because the other nodes then give the items on the belt the
+                # decision FAULT.
                 self._watch.end(failure)
                 if failure is None:
                     self.report(StreamState.FINISHED)

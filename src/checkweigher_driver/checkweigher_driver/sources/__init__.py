@@ -14,7 +14,7 @@ from checkweigher_core.recording import Event
 from checkweigher_core.records import EyeEdge, LoadCell, SampleBlock
 
 RETRY_TIME = 0.3  # time in s between attempts to open a device
-_SWITCH_INTERVAL = 0.0005  # longest thread switch interval in s
+_SWITCH_INTERVAL = 0.0005  # longest thread switch interval of the interpreter in s
 
 
 def shorten_switch_interval() -> None:
@@ -92,7 +92,7 @@ class EyesLost:
 
 @dataclass(frozen=True, slots=True)
 class EyesBack:
-    """End of a loss of the photo-eyes, which are read again from `stamp` in ns on."""
+    """End of a loss of the photo-eyes. They are read again from the time `stamp` in ns on."""
 
     stamp: int
 

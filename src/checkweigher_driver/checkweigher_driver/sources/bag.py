@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Recorded line as a source, and recorded photo-eyes for a real load cell."""
+"""Replay of a recorded line as a source, and of recorded photo-eyes beside a real load cell."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -26,9 +26,10 @@ class BagParameters(Parameters):
     )
 
     def read(self) -> Recording:
-        """Return the recording in the bag.
+        """Return the recording of the lane `namespace` in the bag.
 
-        Raises `ParameterError` if `path` is empty, and `BagError` if the bag is invalid.
+        Raises `ParameterError` if `path` is empty, and `BagError` if the bag cannot be used (see
+        `read_bag`).
         """
         if not self.path:
             raise ParameterError(f'{self.node}.path: empty, must name a bag')
@@ -69,9 +70,9 @@ class ReplayedParameters(BagParameters):
 class ReplayedEyes(EdgeSource):
     """Photo-eyes that replay the edges of a bag while a device sends the samples of the same bag.
 
-    A load cell on a serial port can thus be tested without photo-eyes. The stamp of each edge lies
-    between the stamps of the same two samples as in the bag. The device must begin with the first
-    sample of the bag.
+    A load cell on a serial port can thus be tested without real photo-eyes. The stamp of each edge
+    lies between the stamps of the same two samples as in the bag. The device must begin with the
+    first sample of the bag.
     """
 
     parameters = ReplayedParameters

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Load cell and photo-eyes that are connected separately, as one source."""
+"""Combination of a load cell and separately connected photo-eyes into one source."""
 
 from collections.abc import Callable, Iterator
 import queue
@@ -26,7 +26,7 @@ class MachineSource(Source):
     Each device is read in its own thread. The stamps of both devices must be on the same clock.
     Blocks of samples are discarded while the photo-eyes cannot be read, so that an item on the belt
     gets the decision FAULT. At least one block is discarded after each loss of the photo-eyes, even
-    if they can be read again before the block arrives.
+    if the eyes can be read again before this block arrives.
     """
 
     paced = False
@@ -92,7 +92,7 @@ class MachineSource(Source):
             )
 
     def close(self) -> None:
-        """Close both devices."""
+        """Close both devices, and end the iteration."""
         self._closed = True
         self._samples.close()
         self._eyes.close()

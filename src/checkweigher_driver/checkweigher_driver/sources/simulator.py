@@ -16,7 +16,8 @@ from checkweigher_driver.sources import Source
 from checkweigher_recording.simulation.operation import OperationParameters
 from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
 
-# Time in s from the request to kill the driver to the kill, so that the driver can answer it.
+# Time in s from the request to kill the driver to the kill, so that the driver can answer the
+# request.
 _LAST_WORDS = 0.5
 
 
@@ -36,7 +37,8 @@ class LiveSimulationParameters(SimulationParameters):
 class SimulatorSource(Source):
     """Simulated line.
 
-    The stamps of each stream begin at least 1 s after the last stamp of the previous stream.
+    The stamps of each stream begin at least 1 s after the stamp of the last event of the previous
+    stream.
     """
 
     parameters = LiveSimulationParameters
@@ -53,7 +55,7 @@ class SimulatorSource(Source):
     def __iter__(self) -> Iterator[Event]:
         """Yield the events of the line in canonical order."""
         for event in self._simulation:
-            self.start_stamp = event.stamp + NANOSECONDS  # earliest start of the next stream
+            self.start_stamp = event.stamp + NANOSECONDS  # earliest start of the next stream in ns
             yield event
 
     def _start(self) -> int:
