@@ -150,7 +150,7 @@ def join_stretches(stretches: Iterable[Recording]) -> Iterator[SampleBlock | Eye
 
 
 def _starts(blocks: BlockColumns, sample_rate: float, longest: float) -> NDArray[np.intp]:
-    """Return the positions in `blocks` of the first block of each joined block."""
+    """Return the position in `blocks` of the first block of each joined block, shape (m,)."""
     first, limit = blocks.first_indices, longest * sample_rate
     lost = np.ones(len(blocks), bool)
     # The first comparison detects an index that decreases. The difference alone might not show
@@ -159,7 +159,7 @@ def _starts(blocks: BlockColumns, sample_rate: float, longest: float) -> NDArray
     begins = blocks.begins
     columns = (lost, blocks.stamps, begins, begins + blocks.lengths)
     starts: list[int] = []
-    origin = since = 0  # position and stamp of the first sample of the present joined block
+    origin = since = 0  # index in `counts` and stamp in ns of the first sample of the joined block
     rows = zip(*(column.tolist() for column in columns), strict=True)
     for number, (is_lost, stamp, begin, end) in enumerate(rows):
         expected = since + _duration(begin - origin, sample_rate)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Kinds of entries in the audit log of a lane, and the conversion of values to JSON types.
+"""Kinds of entries in the audit log of a lane, and conversion of their values to JSON types.
 
 docs/audit_log.md describes the entries of each kind.
 """
@@ -19,12 +19,12 @@ TARE = 'tare'  # the tare of a product was checked with a sample of empty packag
 ALARM, RUN = 'alarm', 'run'  # RUN: the line was started, or was shut down normally
 # TEST: a performance test has ended; TEST_BEGUN: it is about to begin, or was cancelled.
 TEST, TEST_BEGUN = 'test', 'test_begun'
-SIGNATURE = 'signature'  # electronic signature on the record of a batch, or on a log entry
-VERIFICATION = 'verification'  # the report of a verification was written
+SIGNATURE = 'signature'  # a person signed a batch record or a log entry electronically
+VERIFICATION = 'verification'  # a verification report was written
 # Digests of the legally relevant software, written at each start of `product`.
 SOFTWARE = 'software'
 LOG = 'log'  # first entry of a log, which names the previous log of the lane
-CLOCK = 'clock'  # the clock of the computer was set, or its reference has changed
+CLOCK = 'clock'  # the clock of the computer was set, or its time reference has changed
 BACKUP = 'backup'  # the machine folder was restored from a backup
 
 

@@ -145,8 +145,9 @@ class Parameters:
 def _names_like(name: str, known: list[str]) -> list[str]:
     """Return the names to propose for an unknown name.
 
-    These are the known names with the same prefix up to the last dot. If there are none, these are
-    all known names, where one name such as ``tvlpf.*`` stands for all names with this prefix.
+    These are the known names with the same prefix up to the last dot. If there are none, all known
+    names are returned, but names that begin with the same word and a dot are combined to one name
+    such as ``tvlpf.*``.
     """
     prefix, dot, _ = name.rpartition('.')
     inner = [other for other in known if dot and other.startswith(prefix + dot)]

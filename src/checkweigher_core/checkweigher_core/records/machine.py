@@ -127,13 +127,13 @@ class Reference:
 class StreamStatus:
     """Progress of the driver or of the segmenter in a stream of samples.
 
-    `stream` is the number of the stream, and `stamp` is the stamp of the latest block, or 0 before
-    the first block. The driver counts the `samples` and `edges` that it has sent in this stream.
-    The segmenter counts the samples and edges that it has processed. `items` is the number of
-    windows that the segmenter has sent in all streams since its start, and is 0 in a status of the
-    driver. `last_edge` is the stamp of the latest edge that the segmenter has assigned to an item.
-    It is None if there is no such edge, and in a status of the driver. `text` is a message of the
-    driver on a fault or on its deactivation; otherwise it is empty.
+    `stream` is the number that the driver has given to the stream, and `stamp` is the stamp of the
+    latest block, or 0 before the first block. The driver counts the `samples` and `edges` that it
+    has sent in this stream. The segmenter counts the samples and edges that it has processed.
+    `items` is the number of windows that the segmenter has sent in all streams since its start, and
+    is 0 in a status of the driver. `last_edge` is the stamp of the latest edge that the segmenter
+    has assigned to an item. It is None if there is no such edge, and in a status of the driver.
+    `text` is a message of the driver on a fault or on its deactivation; otherwise it is empty.
     """
 
     stamp: Stamp
@@ -165,9 +165,9 @@ class MachineConditions:
 class ExternalReject:
     """Rejection of an item by an inspection device.
 
-    `device` is the name of the device. If `item_id` is 0, the rejected item is the item that was at
-    the device at time `stamp`. Otherwise `stamp` may be None. `text` contains details of the
-    finding, or is empty.
+    `device` is the name of the device, such as ``metal``, ``xray`` or ``vision``. If `item_id` is
+    0, the rejected item is the item that was at the device at time `stamp`. Otherwise `stamp` may
+    be None. `text` contains details of the finding, or is empty.
     """
 
     stamp: Stamp | None

@@ -61,7 +61,7 @@ class Output:
                 taker.take(record)
 
     def connected(self) -> None:
-        """Notify the output that all its takers are connected."""
+        """Notify the output that `connect` has added all its takers. Here this has no effect."""
 
     def count(self) -> int:
         """Return the number of subscribers, in this process and over DDS."""
