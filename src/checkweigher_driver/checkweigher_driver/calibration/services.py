@@ -228,7 +228,7 @@ class CalibrationServices:
             waiting.set_exception(CalibrationError(text))
 
     def _cancel_reading(self) -> None:
-        """End the reading of a load. The points are kept."""
+        """Cancel the present reading of a load, if there is one. The points are kept."""
         if self._session is not None:
             self._session.reading = None
         self._refuse('cancelled')

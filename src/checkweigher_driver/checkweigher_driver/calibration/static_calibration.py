@@ -195,7 +195,7 @@ def calibrate(points: Sequence[CalibrationPoint]) -> StaticCalibration:
         sigma = np.hypot(of_readings, slope * of_masses)
         (slope, zero), covariance = np.polyfit(masses, readings, 1, w=1 / sigma, cov='unscaled')
     misfits = readings - zero - slope * masses
-    freedom = max(len(points) - 2, 1)  # with two points, all residuals are 0
+    freedom = max(len(points) - 2, 1)  # with two points, the residuals are 0, and so is the ratio
     birge = math.sqrt(np.sum((misfits / sigma) ** 2) / freedom)
     slope_uncertainty, zero_uncertainty = np.sqrt(np.diag(covariance)) * max(birge, 1.0)
     if abs(slope) < _LEAST_SPAN * slope_uncertainty:

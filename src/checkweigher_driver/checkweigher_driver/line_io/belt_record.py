@@ -117,7 +117,7 @@ class BeltRecord:
                 sync_folder(folder.parent)
         except OSError as error:
             if created and not isinstance(error, BlockingIOError):
-                path.unlink()  # at the next start, an empty record would count as damaged
+                path.unlink()  # an empty record would count as damaged at the next start
             os.close(self._file)
             raise
         return found

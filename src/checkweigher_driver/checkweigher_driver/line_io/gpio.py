@@ -74,7 +74,7 @@ class EdgeOrder:
         self.lost = 0
 
     def take(self, event: gpiod.EdgeEvent) -> list[EyeEvent]:
-        """Return the edge of an event.
+        """Return the edge that an event of the kernel reports.
 
         If events were lost before this event, the edge is preceded by the start and the end of a
         loss of the eyes.
@@ -108,7 +108,7 @@ class GpioEyes(EdgeSource):
         self._edges = 0
 
     def figures(self) -> dict[str, float]:
-        """Return the numbers of received and lost edges."""
+        """Return the numbers of received and lost edges for the diagnostics, by name."""
         return {'edges': self._edges, 'edges lost': self._order.lost}
 
     def events(self) -> Iterator[EyeEvent]:

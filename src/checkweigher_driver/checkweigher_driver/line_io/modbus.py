@@ -48,7 +48,7 @@ class _DeviceParameters(Parameters):
 
 @dataclass(frozen=True)
 class ModbusEyesParameters(_DeviceParameters):
-    """Parameters of polled photo-eyes."""
+    """Parameters of photo-eyes that are polled by Modbus TCP."""
 
     node: ClassVar[str] = 'modbus'
 
@@ -91,7 +91,10 @@ class ModbusEyesParameters(_DeviceParameters):
 
 
 class ModbusEyes(EdgeSource):
-    """Polled photo-eyes. The eyes count as lost while the device cannot be reached."""
+    """Photo-eyes that are polled by Modbus TCP.
+
+    The eyes count as lost while the device cannot be reached.
+    """
 
     parameters = ModbusEyesParameters
     trouble = 'the photo-eyes have not been read yet'
@@ -197,7 +200,7 @@ class ModbusOutputParameters(_DeviceParameters):
 
 
 class ModbusOutputs(OutputPort):
-    """Outputs as coils, with a watchdog register and a discrete input for the belt."""
+    """Outputs as Modbus coils, with a watchdog register and a discrete input for the belt."""
 
     parameters = ModbusOutputParameters
 
@@ -260,7 +263,7 @@ class ModbusOutputs(OutputPort):
 
 @dataclass(frozen=True)
 class ModbusInputParameters(_DeviceParameters, InputParameters):
-    """Parameters of polled machine inputs."""
+    """Parameters of machine inputs that are polled by Modbus TCP."""
 
     node: ClassVar[str] = 'modbus_inputs'
 
@@ -285,7 +288,7 @@ class ModbusInputParameters(_DeviceParameters, InputParameters):
 
 
 class ModbusInputs(InputPort):
-    """Machine inputs that are polled with one request."""
+    """Machine inputs on Modbus TCP. One request reads all of them."""
 
     parameters = ModbusInputParameters
 

@@ -9,7 +9,7 @@ from typing import Any
 from pymodbus.client import ModbusTcpClient
 from pymodbus.exceptions import ModbusException
 
-# Otherwise pymodbus would log every refused connection in addition to the raised error.
+# Silence pymodbus, because it would log every refused connection in addition to the raised error.
 logging.getLogger('pymodbus.logging').setLevel(logging.CRITICAL)
 
 

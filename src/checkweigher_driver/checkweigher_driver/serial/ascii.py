@@ -119,7 +119,8 @@ class LineDecoder(Decoder):
         if lines and not self._begun:
             self._begun = True
             self.skipped_bytes += len(lines.pop(0))
-        # If a line is too long, only its beginning is kept until its end arrives and it is refused.
+        # Keep only the beginning of a line that is too long. The line is refused when its end
+        # arrives.
         self._data = rest[: _LONGEST_LINE + 1]
         self.skipped_bytes += len(rest) - len(self._data)
         counts, lost = [], []

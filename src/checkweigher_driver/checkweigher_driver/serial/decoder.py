@@ -19,7 +19,10 @@ class Decoded:
 
 
 class Decoder(ABC):
-    """Decoder of a byte stream. The readings do not depend on how the reads divide the stream."""
+    """Decoder of a byte stream.
+
+    The readings do not depend on how the stream is divided into calls of `feed`.
+    """
 
     frame_bytes = 0  # size of a reading in bytes; 0 as long as it is unknown
     skipped_bytes = 0  # number of bytes so far that belong to no reading

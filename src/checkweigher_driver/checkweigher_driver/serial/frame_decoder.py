@@ -219,7 +219,7 @@ class FrameDecoder(Decoder):
         self._since_frame += number
 
     def _follow(self, places: _Places, position: int) -> tuple[int, bool]:
-        """Return the length of a run of valid frames, and whether an invalid frame ends the run.
+        """Return the number of valid frames in a run, and whether an invalid frame ends the run.
 
         The run begins at `position`. It may also end with the data, or before a frame that can be
         checked only with later data.

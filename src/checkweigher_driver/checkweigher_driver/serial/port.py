@@ -32,7 +32,7 @@ def open_port(name: str, baud_rate: int) -> serial.Serial:
         return serial.Serial(
             name, baud_rate, timeout=_READ_TIMEOUT, write_timeout=_WRITE_TIMEOUT, exclusive=True
         )
-    except (OSError, ValueError) as error:  # SerialException is an OSError
+    except (OSError, ValueError) as error:  # OSError includes serial.SerialException
         raise SerialError(f'{name}: {reason_of(name, error)}') from None
 
 

@@ -90,7 +90,8 @@ class SampleClock:
         self._origin = 0, 0
         self._steps = 0
         self._shifts = 0
-        self._delays = (0.0, 0.0)  # mean and maximum delay in ns of the reads of the last bucket
+        # Mean and maximum delay in ns of the reads in the last complete bucket.
+        self._delays = (0.0, 0.0)
         self._out: _Line | None = None
         self._begin(())
 

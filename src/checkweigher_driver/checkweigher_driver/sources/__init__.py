@@ -74,8 +74,8 @@ class Source(Device):
         """Yield events in canonical order until the stream ends.
 
         The canonical order is that of `checkweigher_core.recording.canonical_order`. With hardware,
-        an edge may be yielded before a block of earlier samples, which is yielded when it is
-        complete.
+        an edge may be yielded before a block of earlier samples, because a block is yielded only
+        when it is complete.
         """
 
     def operate(self, operation: Any) -> None:

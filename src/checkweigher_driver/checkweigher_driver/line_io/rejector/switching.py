@@ -20,7 +20,11 @@ class Levels(NamedTuple):
 
 
 class Switches(NamedTuple):
-    """Times in ns of the next changes of rejector, permit and any station, or infinity."""
+    """Times of the next changes of rejector, permit and any station.
+
+    The times are in ns on the monotonic clock, and infinite for an output without a scheduled
+    change.
+    """
 
     reject: float = math.inf
     permit: float = math.inf
