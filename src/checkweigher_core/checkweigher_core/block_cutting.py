@@ -19,8 +19,7 @@ from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, SampleBlock
 
 LONGEST = 0.25  # longest duration of a joined block in s, if the caller states no other
 _ROUNDING = 1  # largest rounding error of a stamp in ns
-# Tolerance in samples of the position of an edge; it allows for the rounding of stamps.
-_NEARLY = 1e-3
+_NEARLY = 1e-3  # tolerance in samples of the position of an edge, for the rounding of stamps
 
 
 def join(

@@ -17,12 +17,10 @@ RECORD, REPORT = 'record', 'report'
 TUNED = 'tuned'
 TARE = 'tare'  # the tare of a product was checked with a sample of empty packages
 ALARM, RUN = 'alarm', 'run'  # RUN: the line was started, or was shut down normally
-# TEST: a performance test has ended; TEST_BEGUN: it is about to begin, or was cancelled.
-TEST, TEST_BEGUN = 'test', 'test_begun'
+TEST, TEST_BEGUN = 'test', 'test_begun'  # performance test: its end; its beginning or cancellation
 SIGNATURE = 'signature'  # a person signed a batch record or a log entry electronically
 VERIFICATION = 'verification'  # a verification report was written
-# Digests of the legally relevant software, written at each start of `product`.
-SOFTWARE = 'software'
+SOFTWARE = 'software'  # digests of the legally relevant software, written when `product` starts
 LOG = 'log'  # first entry of a log, which names the previous log of the lane
 CLOCK = 'clock'  # the clock of the computer was set, or its time reference has changed
 BACKUP = 'backup'  # the machine folder was restored from a backup

@@ -48,7 +48,7 @@ class Settings:
 
     @classmethod
     def prepared(cls, content: Any) -> Any:
-        """Return the content in the present format.
+        """Return `content` converted to the present format. Here it is returned unchanged.
 
         A subclass whose format has changed overrides this method to convert older formats.
         """

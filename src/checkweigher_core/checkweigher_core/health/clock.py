@@ -12,18 +12,14 @@ _MAX_BLOCKS = 20_000  # largest number of blocks from which sample rate and pace
 RATE_SPAN = 10.0  # duration in s of the latest signal from which rates are computed
 SHORTEST_SPAN = 2.0  # shortest duration in s of the signal from which a rate is computed
 _REPLAY = 0.1  # difference of the pace from 1 above which a replay is assumed
-# Duration in s of a bin, in which at least one message is assumed not to be delayed.
-_CLOCK_BIN = 5.0
+_CLOCK_BIN = 5.0  # duration in s of a bin, in which at least one message is assumed not to be late
 _CLOCK_SPAN = 300.0  # time in s over which the drift is computed
-# Largest relative drift without a warning; a crystal drifts by less than 100e-6.
-_DRIFT_LIMIT = 500e-6
+_DRIFT_LIMIT = 500e-6  # largest relative drift without a warning; a crystal has less than 100e-6
 _DRIFT_BINS = 6  # smallest number of bins from which a drift is computed
 _PACE_BINS = 3  # smallest number of bins from which the pace is computed
 _JITTER_LIMIT = 0.5  # largest jitter in s without a warning
-# Time in s after the first block in which the jitter is ignored, because nodes still start.
-_START = 5.0
-# Largest difference in s between the delays of edges and samples without a warning.
-_EYE_OFFSET_LIMIT = 0.1
+_START = 5.0  # time in s after the first block in which jitter is ignored while the nodes start
+_EYE_OFFSET_LIMIT = 0.1  # largest delay in s of edges relative to samples without a warning
 _FEWEST_EDGES = 4  # smallest number of edges from which their delay is computed
 _CLOCK_STEP = 0.5  # error in s of a predicted stamp above which the clock counts as set
 

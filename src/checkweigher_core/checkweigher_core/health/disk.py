@@ -14,8 +14,7 @@ _PERIOD = 600.0  # time in s between two readings of the free space
 _DAY = 86_400.0  # seconds per day
 _SHORTEST_SPAN = 6 * _PERIOD  # shortest time in s from which a trend is estimated
 _WARNING = 30.0  # number of days until the disk is full, below which a warning is shown
-# Free bytes below which an error is shown; a batch record of 100,000 items needs less.
-_LEAST = 100e6
+_LEAST = 100e6  # free bytes below which an error is shown; a record of 100,000 items needs less
 _HINT = 'move recorded items and passes to another disk; see docs/backup.md'
 
 

@@ -16,8 +16,7 @@ _UNKNOWN = 'not known yet'
 _PERIOD = 30.0  # time in s between two calls of chronyc
 _PATIENCE = 10.0  # longest wait in s for the output of chronyc
 _LARGEST_BOUND = 0.1  # largest bound of the clock error in s without a warning
-# Smallest reported step in s; longer than the delay between the readings of the two clocks.
-_STEP = 0.5
+_STEP = 0.5  # smallest reported step in s; longer than the time between two clock readings
 _OWN_CLOCK = 0x7F7F0101  # reference ID of a chronyd that follows its own clock (option local)
 
 

@@ -20,8 +20,7 @@ from checkweigher_core.printable import counted
 from checkweigher_core.records import Eye, EyeEdge, LoadCell, SampleBlock
 
 PATIENCE = 5.0  # longest time in s that the nodes of a line need to start
-# Longest time in s without samples before an error, unless `_SILENT_BLOCKS` is longer.
-_SILENCE = 1.0
+_SILENCE = 1.0  # longest time in s without samples before an error (or `_SILENT_BLOCKS`, if longer)
 _SILENT_BLOCKS = 5.0  # longest time without samples before an error, in durations of a block
 _RATE_TOLERANCE = 0.005  # largest relative error of the nominal sample rate without a warning
 _LONGEST_BLOCKED = 10.0  # longest time in s for which a product normally blocks an eye

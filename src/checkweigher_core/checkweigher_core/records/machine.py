@@ -98,7 +98,7 @@ class SampleBlock:
 
 @dataclass(frozen=True, slots=True)
 class EyeEdge:
-    """Edge of a photo-eye at `stamp`. `blocked` is true if the eye is blocked after the edge."""
+    """Edge of a photo-eye at time `stamp`. `blocked` is true if the eye is blocked after it."""
 
     stamp: Stamp
     eye: Eye

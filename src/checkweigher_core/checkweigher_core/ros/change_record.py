@@ -15,8 +15,7 @@ from checkweigher_core.ros import ports
 from checkweigher_core.ros.line_parameters import in_time
 
 _PATIENCE = 2.0  # longest wait for the answer of the service in s
-# Longest time in s from the start of the node in which a change waits for the service.
-_DISCOVERY = 3.0
+_DISCOVERY = 3.0  # time in s from the start of the node in which a change waits for the service
 _LOOK_PERIOD = 0.1  # time in s between two checks for the service
 TIME_TO_CHANGE = _PATIENCE + 1.0  # longest time in s from a log entry to the change that it states
 

@@ -274,17 +274,18 @@ ALARMS = Port(
 DIAGNOSTICS = Port(
     '/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', None, History(10),
     'every node', ('users',), (), 'Status once a second; see [Diagnostics](reasons.md#diagnostics)')
-# Not in `ALL`, because the node dynamic_setting is not part of the line.
+# This port is not in `ALL`, because the node dynamic_setting is not part of the line.
 DYNAMIC_SETTING = Port(
     'dynamic_setting', 'checkweigher_msgs/msg/DynamicSetting', None, STATE,
     'dynamic_setting', ('users',), (),
     'State of the dynamic setting: recorded passes, learned file, or cause of a failure')
-# Not in `ALL`, because the node verifier is not part of the line.
+# This port is not in `ALL`, because the node verifier is not part of the line.
 VERIFICATION_PROGRESS = Port(
     'verification_progress', 'checkweigher_msgs/msg/VerificationProgress',
     records.VerificationProgress, STATE, 'verifier', ('users',), (),
     'Progress of a verification that the page guides, and its question to the operator')
-# All topics of the line and of its verification. A replay reads only the first four from its bag.
+# All topics of the line and of its verification. A replay reads only the first four topics from its
+# bag.
 ALL = (
     LOAD_CELL_INFO, LOAD_CELL_SAMPLES, PHOTO_EYES, REFERENCE_MASS, DRIVER_STATUS, ITEMS,
     WEIGH_WINDOW, SEGMENTER_STATUS, ZERO_SETTING, DENOISED_WINDOW, MASS_ESTIMATE, VERDICT,

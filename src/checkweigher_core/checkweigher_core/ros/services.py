@@ -16,8 +16,7 @@ PAGE_WORK, SETTING, REPORTER = 'page_work', ports.DYNAMIC_SETTING.name, 'batch_r
 VERIFIER, VERIFY = ports.VERIFICATION_PROGRESS.maker, ports.VERIFICATION.maker
 TECHNICIAN = 'technician'  # node of the commands that call services and actions
 AT_WORK = PAGE_WORK, TECHNICIAN  # nodes by which a person works on a machine
-# Nodes that assist the line and publish diagnostics, but are not part of the line.
-OF_MACHINE = SETTING, VERIFIER
+OF_MACHINE = SETTING, VERIFIER  # nodes that assist the line and publish diagnostics
 GATEWAYS = 'gateway_metrics', 'gateway_mqtt', 'gateway_opcua'
 # Nodes by which the gateways call services. They may call the same services as the page.
 GATEWAY_WORK = 'gateway_mqtt_work', 'gateway_opcua_work'
