@@ -63,8 +63,7 @@ class CalibrationServices:
         self._edges: dict[int, EyeEdge] = {}  # latest edge of each photo-eye in the stream
         self._stamp = 0  # stamp of the latest block in ns
         self._session: CalibrationSession | None = None  # None while the driver is inactive
-        # Result of the call that waits for a reading, None if no call waits.
-        self._waiting: Future | None = None
+        self._waiting: Future | None = None  # result of the call that waits for a reading, or None
         self._restart = restart
         # Function that publishes the feedback of the action, None if a service reads the load.
         self._tell: Callable[..., None] | None = None

@@ -22,8 +22,7 @@ from checkweigher_driver.calibration.static_calibration import (
 )
 
 _QUIET = 2 * NANOSECONDS  # time in ns without an edge after which the belt counts as empty
-# Longest time in s from the first reading to the fit, because the zero drifts.
-_LONGEST = 3600.0
+_LONGEST = 3600.0  # longest time in s from the first reading to the fit, because the zero drifts
 
 
 @dataclass(frozen=True)

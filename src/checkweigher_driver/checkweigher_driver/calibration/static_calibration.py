@@ -23,8 +23,7 @@ _LEAST_SAMPLES = 10 * BATCHES
 _ITERATIONS = 10  # number of iterations of the fit, which converges fast
 _LOOK_PERIOD = 0.5  # time in s between two checks whether a load is at rest
 _LEAST_SPAN = 100.0  # smallest allowed ratio of the sensitivity to its uncertainty
-# Standard uncertainty in counts due to the rounding of readings to whole counts.
-_QUANTISATION = 1 / math.sqrt(12)
+_QUANTISATION = 1 / math.sqrt(12)  # standard uncertainty in counts due to rounding to counts
 
 
 class CalibrationError(ValueError):
@@ -74,8 +73,7 @@ class Steadiness:
 
     duration: float = 5.0  # duration of the reading in s
     tolerance: float = 1e-4  # largest drift and standard error of the reading in kg
-    # Time in s after which the reading is cancelled if the load has not come to rest.
-    patience: float = 60.0
+    patience: float = 60.0  # time in s after which the reading of a moving load is cancelled
 
 
 class RestReading:

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Blocks of samples with index and stamp, from the readings of a device."""
+"""Conversion of the readings of a device to blocks of samples with index and stamp."""
 
 from collections.abc import Iterator, Sequence
 import math
