@@ -32,7 +32,7 @@ class StreamState(IntEnum):
 class LoadCell:
     """Load cell, with the calibration that converts its readings to kg.
 
-    Raises ValueError with the name of the field if a value is impossible for a load cell.
+    Raises ValueError with the name of the field if a value is outside its valid range.
     """
 
     sample_rate: float  # sample rate in Hz

@@ -26,9 +26,9 @@ class Item(NanEqual):
     stamp: Stamp | None
     stream: int
     item_id: int  # number of the item from 1, in order of entry
-    t1: Stamp | None = None  # the item begins to enter the belt
-    t2: Stamp | None = None  # the item is fully on the belt
-    t3: Stamp | None = None  # the item begins to leave the belt
+    t1: Stamp | None = None  # time at which the item begins to enter the belt
+    t2: Stamp | None = None  # time at which the item is fully on the belt
+    t3: Stamp | None = None  # time at which the item begins to leave the belt
     line_speed: float = math.nan
     complete: bool = False
     reasons: tuple[str, ...] = ()  # reasons why the item cannot be weighed; empty if it can be
@@ -46,11 +46,11 @@ class WeighWindow(NanEqual):
     """
 
     item_id: int  # number of the item from 1, in order of entry
-    t1: Stamp | None  # the item begins to enter the belt
-    t2: Stamp | None  # the item is fully on the belt
-    t3: Stamp | None  # the item begins to leave the belt
-    belt_speed: float = math.nan  # speed in m/s, weigh_length / (t3 - t1)
-    product_length: float = math.nan  # length in m, belt_speed * (t2 - t1)
+    t1: Stamp | None  # time at which the item begins to enter the belt
+    t2: Stamp | None  # time at which the item is fully on the belt
+    t3: Stamp | None  # time at which the item begins to leave the belt
+    belt_speed: float = math.nan  # speed in m/s, weigh_length / (t3 - t1), times in s
+    product_length: float = math.nan  # length in m, belt_speed * (t2 - t1), times in s
     line_speed: float = math.nan  # belt_speed, or speed in m/s of the last item with all edges
     sample_rate: float = math.nan  # sample rate in Hz
     counts_per_kg: float = math.nan  # sensitivity of the static calibration in counts/kg

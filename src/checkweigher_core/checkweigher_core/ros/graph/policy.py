@@ -85,7 +85,7 @@ def rights(node: str, lane: str = '') -> Rights:
     publish = {port.name for port in _PORTS if _makes(node, port)} | _EVERY_NODE
     publish |= _of(served, services.ACTION_TOPICS)
     if node in (*NODES, *OF_MACHINE):
-        publish.add(f'{node}/_*')  # temporary publisher of `participant_of`
+        publish.add(f'{node}/_*')  # for the temporary publisher of `participant_of`
     if node in services.LIFE_CYCLE_NODES:
         publish.add(f'{node}/transition_event')
     viewed = _VIEWED.get(client, ())
