@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Publication of the events of a source, which can wait while other nodes lag behind."""
+"""Publication of the events of a source. A replay or a simulation can wait for other nodes."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace

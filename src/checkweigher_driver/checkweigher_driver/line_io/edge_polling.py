@@ -41,7 +41,7 @@ class EdgePolling:
         self._lost = False
         self._blocked_at: dict[Eye, int] = {}
         self._covered: dict[Eye, int] = {}  # time in ns for which the last product covered an eye
-        self._worst_uncertainty = 0  # largest uncertainty of an edge so far
+        self._worst_uncertainty = 0  # largest uncertainty in ns of an edge so far
         self.losses = 0
         self._polls = self._periods = self._round_trips = self._longest_round_trip = 0
 

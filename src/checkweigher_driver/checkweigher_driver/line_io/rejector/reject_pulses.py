@@ -67,8 +67,8 @@ class BeltTime:
 
         An item is delayed by a stop of the belt. The arguments are times on the clock: `due` is the
         arrival without a stop, `since` the time at the outfeed eye, and `entered` the time at the
-        infeed eye. The last two are None if they are unknown. If the belt was stopped while the
-        item was between the eyes, its measured speed is too low, and `due` is corrected.
+        infeed eye. `since` and `entered` are None if they are unknown. If the belt was stopped
+        while the item was between the eyes, its measured speed is too low, and `due` is corrected.
         """
         begin, stood = self.at(due), False
         if since is not None:

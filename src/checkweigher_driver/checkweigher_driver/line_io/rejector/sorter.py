@@ -89,9 +89,9 @@ class Sorter:
     def _was_looked_for(self, verdict: Verdict) -> bool:
         """Return whether a person has cleared the belt while the item was on it.
 
-        The verdict of a removed item comes after the longest travel time of an item. If the item is
-        still on the belt after all, it later passes the outfeed eye and gets no further verdict,
-        which stops the line.
+        If a person has removed an item, its verdict comes only after the longest travel time of an
+        item. If the item is still on the belt after all, it later passes the outfeed eye and gets
+        no further verdict, which stops the line.
         """
         looked_at = self._missed.looked_at
         return looked_at is not None and self._arrivals.entered_before(verdict, looked_at)
