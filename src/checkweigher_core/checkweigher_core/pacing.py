@@ -45,7 +45,7 @@ class FlowControl:
     The methods are not thread-safe.
     """
 
-    # Largest lag in s of signal. It must be less than the parameter `edge_lateness` of the
+    # Largest lag in s of signal. This limit must be less than the parameter `edge_lateness` of the
     # segmenter, which otherwise would discard edges.
     max_duration: float = 1.0
     max_blocks: int = 500  # largest lag in blocks, below the depth of the DDS queue

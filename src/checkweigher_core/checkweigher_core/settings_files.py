@@ -39,8 +39,8 @@ class Settings:
 
     The fields are declared by `parameter`. A field with the name `name` contains the key of the
     mapping in its enclosing mapping. `format` is the version of the file format. A file without a
-    version has version 1. `unknown` contains the values of unknown keys by key. It is empty unless
-    the file has a newer format, because otherwise an unknown key is refused.
+    version has version 1. `unknown` contains the values of unknown keys by key. `unknown` is empty
+    unless the file has a newer format, because otherwise an unknown key is refused.
     """
 
     format: ClassVar[int] = 1

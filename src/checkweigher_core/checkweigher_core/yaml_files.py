@@ -64,7 +64,7 @@ class _Loader(yaml.SafeLoader):
     """YAML loader that refuses repeated keys, and reads numbers as in YAML 1.2.
 
     PyYAML implements YAML 1.1, in which 0150 is the number 104 and 1:30 is the number 90. This
-    loader returns such values as strings. It also returns dates as strings.
+    loader returns such values as strings. The loader also returns dates as strings.
     """
 
     def fetch_tag(self) -> None:

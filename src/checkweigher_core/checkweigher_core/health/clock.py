@@ -27,10 +27,10 @@ _CLOCK_STEP = 0.5  # error in s of a predicted stamp above which the clock count
 class ClockWatch:
     """Comparison of the stamps of samples and edges with their times of arrival.
 
-    The delay of a block is the time from its last sample to its arrival. It is known only up to a
-    constant, because the stamps and the arrivals may be on different clocks. The shortest delay in
-    a few seconds is that of a message that did not wait, so it changes only if a clock drifts. The
-    pace is the rate at which the stamps advance, relative to the clock of this machine.
+    The delay of a block is the time from its last sample to its arrival. The delay is known only up
+    to a constant, because the stamps and the arrivals may be on different clocks. The shortest
+    delay in a few seconds is that of a message that did not wait, so it changes only if a clock
+    drifts. The pace is the rate at which the stamps advance, relative to the clock of this machine.
     """
 
     def __init__(self, sample_rate: float) -> None:
@@ -91,9 +91,9 @@ class ClockWatch:
         """Return the pace of the stamps, NaN if neither three bins nor 2 s of blocks are known.
 
         The pace is computed from `slope`, the trend of the shortest delays, as soon as three bins
-        are complete. Until then, it is computed from the stamps and the arrivals of the oldest and
-        the latest recent block. That value is less accurate, because after a halt the blocks arrive
-        too fast for a while.
+        are complete. Until then, the pace is computed from the stamps and the arrivals of the
+        oldest and the latest recent block. That value is less accurate, because after a halt the
+        blocks arrive too fast for a while.
         """
         if len(self._bins) >= _PACE_BINS:
             return 1.0 - slope
@@ -114,7 +114,7 @@ class ClockWatch:
         return came - began, (last_stamp - first_stamp) / NANOSECONDS, last - first
 
     def finding(self, offset_of_clocks: float) -> Finding:
-        """Return the finding Clock.
+        """Return the finding "Clock" of the diagnostics.
 
         `offset_of_clocks` is the Unix time minus the time on the clock of the arrivals, in s.
         """

@@ -41,7 +41,7 @@ class DiskWatch:
         self._finding = conclude(_ASPECT, 'not known yet')
 
     def finding(self, now: float) -> Finding:
-        """Return the finding Disk at time `now` in s.
+        """Return the finding "Disk" at time `now` in s.
 
         The free space is read at most every 600 s. Until the next reading, the finding is
         unchanged.

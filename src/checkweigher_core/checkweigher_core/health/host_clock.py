@@ -70,7 +70,7 @@ class HostClock:
         return '' if self._finding.text == _UNKNOWN else self._finding.text
 
     def finding(self, now: float) -> Finding:
-        """Return the finding Host clock at time `now` in s on a monotonic clock."""
+        """Return the finding "Host clock" at time `now` in s on a monotonic clock."""
         if self._question is not None:
             if self._question.poll() is not None:
                 self._finding = tracking_finding(self._question.communicate()[0])
@@ -90,7 +90,7 @@ class HostClock:
 
 
 def tracking_finding(text: str) -> Finding:
-    """Return the finding for `text`, the output of ``chronyc -c tracking``.
+    """Return the finding "Host clock" for `text`, the output of ``chronyc -c tracking``.
 
     The clock error is at most the sum of the absolute offset of the system clock, the root
     dispersion and half of the root delay (see the manual of chronyc).

@@ -106,7 +106,7 @@ class SampleWatch:
             self._recent[what].add(time, count)
 
     def finding(self, now: float, waited: float) -> Finding:
-        """Return the finding Samples at time `now` in s.
+        """Return the finding "Samples" at time `now` in s.
 
         `waited` is the time in s since the stream began.
         """
@@ -178,7 +178,7 @@ class EyeWatch:
             values.forget(now)
 
     def finding(self, now: float) -> Finding:
-        """Return the finding Photo eyes at time `now` in s."""
+        """Return the finding "Photo eyes" at time `now` in s."""
         lately = {eye: len(values) for eye, values in self._recent.items()}
         blocked = {eye: now - since for eye, since in self._blocked.items()}
         values = {

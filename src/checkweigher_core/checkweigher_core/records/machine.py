@@ -132,8 +132,9 @@ class StreamStatus:
     has sent in this stream. The segmenter counts the samples and edges that it has processed.
     `items` is the number of windows that the segmenter has sent in all streams since its start, and
     is 0 in a status of the driver. `last_edge` is the stamp of the latest edge that the segmenter
-    has assigned to an item. It is None if there is no such edge, and in a status of the driver.
-    `text` is a message of the driver on a fault or on its deactivation; otherwise it is empty.
+    has assigned to an item. `last_edge` is None if there is no such edge, and in a status of the
+    driver. `text` is a message of the driver on a fault or on its deactivation; otherwise it is
+    empty.
     """
 
     stamp: Stamp

@@ -16,11 +16,11 @@ from checkweigher_core.records.quantities import Stamp
 class Item(NanEqual):
     """Item on the line. The window, the estimate and the verdict of an item have its `item_id`.
 
-    The segmenter publishes an item when no later edge can change its number. It publishes the item
-    once more, with `complete` set, when the edges of the item are final. `stamp` is the first known
-    of `t1`, `t2` and `t3`. `line_speed` is the speed of the item in m/s or, if t1 or t3 is unknown,
-    the speed of the last item with all edges. It is NaN before the first such item. `stream` is the
-    number of the stream of samples.
+    The segmenter publishes an item when no later edge can change its number. The segmenter
+    publishes the item once more, with `complete` set, when the edges of the item are final. `stamp`
+    is the first known of `t1`, `t2` and `t3`. `line_speed` is the speed of the item in m/s or, if
+    t1 or t3 is unknown, the speed of the last item with all edges. `line_speed` is NaN before the
+    first such item. `stream` is the number of the stream of samples.
     """
 
     stamp: Stamp | None

@@ -154,7 +154,10 @@ def _record(kind: Any, message: Any) -> Any:
 
 
 def _filled(message: Any, fields: Mapping[str, Any]) -> Any:
-    """Fill an empty message, and return it. This is faster than constructing it from its fields."""
+    """Fill an empty message, and return it.
+
+    This is faster than a call of the constructor with the fields as arguments.
+    """
     for name, value in fields.items():
         if isinstance(value, dict):
             _filled(getattr(message, name), value)

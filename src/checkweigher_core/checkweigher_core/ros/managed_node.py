@@ -20,11 +20,11 @@ _FAILURE, _ERROR = TransitionCallbackReturn.FAILURE, TransitionCallbackReturn.ER
 class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
     """Stage node with the states of a ROS managed node.
 
-    The outputs of the node are safe if they stop the line. They are safe unless the node is active.
-    A subclass overrides `configure`, `activate`, `deactivate` and `clean_up`, and calls `begin` at
-    the end of its constructor. If one of the overridden methods raises an exception, the transition
-    fails, and the exception is logged or, during `begin`, raised as `ParameterError`. If the
-    parameter ``autostart`` is true, the node configures and activates itself. `state` is
+    The outputs of the node are safe if they stop the line. The outputs are safe unless the node is
+    active. A subclass overrides `configure`, `activate`, `deactivate` and `clean_up`, and calls
+    `begin` at the end of its constructor. If one of the overridden methods raises an exception, the
+    transition fails, and the exception is logged or, during `begin`, raised as `ParameterError`. If
+    the parameter ``autostart`` is true, the node configures and activates itself. `state` is
     unconfigured, inactive, active or finalized.
     """
 

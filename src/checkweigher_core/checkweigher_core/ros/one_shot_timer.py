@@ -59,7 +59,7 @@ class OneShotTimer:
 
 
 class _TimerThread:
-    """Thread that fires the timers of a process. It is started when the first timer is set."""
+    """Thread that fires the timers of a process. The thread starts with the first timer."""
 
     def __init__(self) -> None:
         self._timers: set[OneShotTimer] = set()

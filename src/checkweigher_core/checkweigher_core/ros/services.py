@@ -18,7 +18,7 @@ TECHNICIAN = 'technician'  # node of the commands that call services and actions
 AT_WORK = PAGE_WORK, TECHNICIAN  # nodes by which a person works on a machine
 OF_MACHINE = SETTING, VERIFIER  # nodes that assist the line and publish diagnostics
 GATEWAYS = 'gateway_metrics', 'gateway_mqtt', 'gateway_opcua'
-# Nodes by which the gateways call services. They may call the same services as the page.
+# Nodes by which the gateways call services. These nodes may call the same services as the page.
 GATEWAY_WORK = 'gateway_mqtt_work', 'gateway_opcua_work'
 LIFE_CYCLE_NODES = ('driver', 'reject')
 

@@ -31,7 +31,7 @@ Overrides = dict[str, object]
 
 
 class StageNode(PortNode, Generic[P]):
-    """Node of the line. Its name is ``parameters.node``.
+    """Node of the line. The name of the node is ``parameters.node``.
 
     If `read_only` is true, the parameters cannot change while the node runs. The parameter values
     `overrides` take precedence over values from the command line. If the lane has an audit log, the
@@ -171,8 +171,8 @@ class StageNode(PortNode, Generic[P]):
     def _as_declared(self, given: Parameter) -> Parameter | None:
         """Return a change in the type of its parameter, or None if the value stays the same.
 
-        The value stays the same if it equals both the parameter and the value in use. These may
-        differ, for example while a limit of a product is in use.
+        The value stays the same if it equals both the parameter and the value in use. The parameter
+        and the value in use may differ, for example while a limit of a product is in use.
         """
         if not self.has_parameter(given.name):
             return given

@@ -42,7 +42,7 @@ class Connections:
         return any(entry.port is port and not entry.count() for entry in self._node.inputs)
 
     def finding(self, now: float) -> Finding:
-        """Return the finding Connections at time `now` in s on the clock of `began`."""
+        """Return the finding "Connections" at time `now` in s on the clock of `began`."""
         self._refused.forget(now)
         values: dict[str, float | str] = {}
         found: list[Concern] = []

@@ -21,8 +21,8 @@ import stat
 PARTICIPANTS = 64  # number of processes at each address whose ports are listed
 _PORT_BASE, _DOMAIN_GAIN, _UNICAST, _PARTICIPANT_GAIN = 7400, 250, 10, 2  # RTPS 2.5, 9.6.2.3
 _PACKAGED = Path(__file__).parent.with_name('fastdds_profiles.xml')
-# Folder of the profiles. It is in memory, so that old profiles are removed when the computer is
-# restarted.
+# Folder of the profiles. The folder is in memory, so that old profiles are removed when the
+# computer is restarted.
 _FOLDER = Path(f'/dev/shm/checkweigher-{os.geteuid()}')
 _FILE, _QOS_FROM_FILE = 'FASTRTPS_DEFAULT_PROFILES_FILE', 'RMW_FASTRTPS_USE_QOS_FROM_XML'
 _PLACE = '      <!-- peers -->\n'
