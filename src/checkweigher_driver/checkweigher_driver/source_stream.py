@@ -92,9 +92,9 @@ class SourceStream:
     def end(self, close: Callable[[], None] | None = None) -> bool:
         """End the stream; return whether it was still running.
 
-        `close` is a function that closes the source. It is given if a read of the source may block,
-        because the read would otherwise not end. The method waits for the end of the thread. If the
-        thread has not ended after 2 s, a warning is logged, and the method returns.
+        `close` is a function that closes the source. `close` is given if a read of the source may
+        block, because this read would otherwise not end. The method waits for the end of the
+        thread. If the thread has not ended after 2 s, a warning is logged, and the method returns.
         """
         was_running = self._running
         with self._changed:

@@ -81,8 +81,8 @@ class RestReading:
 
     The required time is `steadiness.duration`. The sensitivity of `load_cell` converts the
     tolerance of `steadiness` to counts. `latest` is the reading of the samples at the latest check,
-    even if the load moves. It is None until a check has had enough samples, none of them at a limit
-    of the converter.
+    even if the load moves. `latest` is None until a check has had enough samples, none of them at a
+    limit of the converter.
     """
 
     def __init__(self, load_cell: LoadCell, steadiness: Steadiness) -> None:

@@ -25,7 +25,7 @@ import zlib
 from checkweigher_core.parameters import ParameterError
 from checkweigher_core.state_files import state_file, sync_folder
 
-# Size of the file in bytes. It is allocated at the start, because the disk may be full later.
+# Size of the file in bytes. The file is allocated at the start, because the disk may be full later.
 _SIZE = 16_384
 _NAME = 'rejector.record'
 # Record of an empty belt from an earlier version, which wrote no checksum.

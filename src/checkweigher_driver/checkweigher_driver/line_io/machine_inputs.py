@@ -196,7 +196,10 @@ class MachineInputs:
         self.trouble = ''  # reason why the inputs cannot be read, empty if they can be read
 
     def open(self, send: Callable[[InputEvent], None]) -> None:
-        """Start the thread, which calls `send` with each new reject and with changed conditions."""
+        """Start the thread, which calls `send` with each new reject and with changed conditions.
+
+        Nothing happens if the inputs are open already, or if the machine has no inputs.
+        """
         if self._port is None or self._thread is not None:
             return
         self._closing.clear()

@@ -58,8 +58,8 @@ class MachineOutputs:
     is set. The outputs are in the safe state from `open` until `activate`, and after `safe` or
     `close`. The stop output is also set during a fault, without a fresh permission to run, after a
     product that the rejector may have missed, and if the previous run may have left items on the
-    belt. The last two causes hold until `reset` is called, or until a person resets a stop request
-    whose text contains the messages on the products.
+    belt. The stop after a missed product and after the previous run holds until `reset` is called,
+    or until a person resets a stop request whose text contains the messages on the products.
 
     A thread opens the port, and opens it again after an error. If `port` is None, the machine has
     no outputs.

@@ -50,8 +50,9 @@ class BlockMaker:
     def blocks(self, read: Read) -> Iterator[SampleBlock]:
         """Convert a read to blocks, and yield the blocks whose stamps are certain now.
 
-        These include blocks that were held back before. A new block begins after each gap in the
-        samples. A reading that overflows is replaced by the limit of the converter with its sign.
+        The yielded blocks include those that were held back before. A new block begins after each
+        gap in the samples. A reading that overflows is replaced by the limit of the converter with
+        its sign.
         """
         values, (low, high) = read.values, self._limits
         at_limit = np.where(values.counts < 0, low, high)

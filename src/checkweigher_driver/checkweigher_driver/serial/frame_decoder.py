@@ -221,8 +221,8 @@ class FrameDecoder(Decoder):
     def _follow(self, places: _Places, position: int) -> tuple[int, bool]:
         """Return the number of valid frames in a run, and whether an invalid frame ends the run.
 
-        The run begins at `position`. It may also end with the data, or before a frame that can be
-        checked only with later data.
+        The run begins at `position`. The run may also end with the data, or before a frame that can
+        be checked only with later data.
         """
         k = len(places.run)
         good = places.good.copy()

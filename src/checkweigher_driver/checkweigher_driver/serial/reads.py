@@ -27,7 +27,9 @@ class Read(NamedTuple):
 
 
 class ValueReader:
-    """Reader of the readings that one device sends. Its iterators end when `closed` is set.
+    """Reader of the readings that one device sends.
+
+    The iterators that the reader returns end when `closed` is set.
 
     `rate` is the nominal sample rate in Hz, and `in_block` is the number of readings for which a
     read waits. The device counts as silent after `timeout` s without a reading. `comes` is true

@@ -110,8 +110,8 @@ class SampleClock:
     def settled(self) -> bool:
         """Whether the stamps may be used.
 
-        They may be used if at least 1 s of signal and 20 reads have been added to the present line,
-        and if the latest read is at most 20 ms late.
+        The stamps may be used if at least 1 s of signal and 20 reads have been added to the present
+        line, and if the latest read is at most 20 ms late.
         """
         return (
             self._fit is not None
