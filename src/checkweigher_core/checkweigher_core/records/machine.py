@@ -38,8 +38,8 @@ class LoadCell:
     sample_rate: float  # sample rate in Hz
     counts_per_kg: float  # sensitivity in counts/kg; negative if the cell is mounted upside down
     zero_counts: float  # reading of the empty belt at calibration, in counts
-    min_counts: int  # lower limit of the converter in counts; a reading at the limit is saturated
-    max_counts: int  # upper limit of the converter in counts; a reading at the limit is saturated
+    min_counts: int  # lower limit of the converter in counts; a reading at or below it is saturated
+    max_counts: int  # upper limit of the converter in counts; a reading at or above it is saturated
     capacity: float  # largest load on the belt in kg, without the weight of the belt
     weigh_length: float  # distance from the infeed eye to the outfeed eye in m
     model: str = ''  # empty if unknown

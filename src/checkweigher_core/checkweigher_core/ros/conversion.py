@@ -55,8 +55,8 @@ class _Form:
 def _with_reason(message: Any, estimate: records.MassEstimate) -> records.MassEstimate:
     """Return an estimate, which gets the reason Unknown if it has neither a mass nor a reason.
 
-    A mass counts as missing if the status of the message is not WEIGHED, or if the mass is not
-    above 0 kg and at most `records.MAX_MASS`.
+    A mass counts as missing if the status of the message is not WEIGHED, or if the mass is NaN, 0
+    kg or less, or above `records.MAX_MASS`.
     """
     weighed = message.status == _WEIGHED and 0 < estimate.mass <= records.MAX_MASS
     return estimate if weighed or estimate.reasons else replace(estimate, reasons=('Unknown',))
@@ -262,7 +262,7 @@ def _text(value: str) -> str:
 
 
 def _time(stamp: int | None) -> dict[str, int]:
-    """Return the fields of a time message for a stamp in ns. Both are 0 if it is unknown.
+    """Return the fields of a time message for a stamp in ns, both 0 for an unknown stamp.
 
     A time message cannot contain a stamp before December 1901 or after January 2038. Both fields
     are also 0 for such a stamp.
@@ -294,8 +294,8 @@ def _bounded(field: Any, most: int = _MOST) -> Any:
 def _shared(field: Any, dtype: np.dtype[Any]) -> NDArray[Any]:
     """Return the array of a field without copying it.
 
-    The array is read-only, because other nodes may use the same message. Raises ValueError if it
-    has more than `records.MAX_WINDOW` elements.
+    The array is read-only, because other nodes may use the same message. Raises ValueError if the
+    array has more than `records.MAX_WINDOW` elements.
     """
     values: NDArray[Any] = np.frombuffer(_bounded(field, records.MAX_WINDOW), dtype)
     values.flags.writeable = False

@@ -222,7 +222,8 @@ PERMISSION = Port(
     'reject', ('line', 'driver'), (),
     'Permission to run, ten times a second; the line stops if it is false or does not arrive',
     holds=FRESH_TIME, recorded=False)
-# Heartbeats of stages. The segmenter needs none, because its status serves the same purpose.
+# Heartbeats of stages. The segmenter needs no heartbeat, because its status serves the same
+# purpose.
 ALIVE = {
     stage: Port(
         f'{stage}/alive', 'std_msgs/msg/Empty', None, MOMENT, stage, ('reject',), (),
