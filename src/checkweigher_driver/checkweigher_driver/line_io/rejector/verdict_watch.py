@@ -15,7 +15,8 @@ class VerdictWatch:
 
     All times are in ns; `now` is on a monotonic clock. `timeout` is the longest time from a product
     at the outfeed eye to the next verdict. If `timeout` is 0, the travel time of the previous
-    product from the outfeed eye to the rejector is used, and 1 s for the first product.
+    product from the outfeed eye to the rejector is used, and 1 s before the first verdict with a
+    reject time.
     """
 
     def __init__(self, timeout: int) -> None:
