@@ -48,7 +48,7 @@ class MissedProducts:
     def stop(self, now: int) -> bool:
         """Return whether the line has to stop because of a missed product.
 
-        The first call after `clear` sets `looked_at` to `now`.
+        The first call after `clear` has removed messages sets `looked_at` to `now`.
         """
         stopped, self._stopped = self._stopped, bool(self.texts)
         if stopped and not self._stopped:

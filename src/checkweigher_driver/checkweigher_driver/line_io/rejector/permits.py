@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Permits to pass the rejector, one for each accepted item.
+"""Permits to pass the rejector, at most one for each accepted item.
 
 A permit begins shortly before the leading edge of its item is at the rejector, and ends shortly
 after the trailing edge. A pause separates two permits, so that a PLC can assign the rising edge of

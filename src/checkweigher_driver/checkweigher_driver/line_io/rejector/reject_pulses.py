@@ -108,7 +108,8 @@ class RejectPulses:
     def resume(self, here: int) -> None:
         """Extend all unfinished pulses by `belt_margin` at both ends after a stop of the belt.
 
-        `here` is the belt time of the stop in ns.
+        `here` is the belt time of the stop in ns. A pulse that has not begun is not extended to a
+        time before `here`.
         """
         waiting = [(begin, end) for begin, end in self._pulses if end > here]
         self._pulses = []

@@ -173,7 +173,8 @@ class Sorter:
     def resume(self, here: int) -> None:
         """Extend all unfinished pulses by `belt_margin` at both ends after a stop of the belt.
 
-        `here` is the belt time of the stop in ns.
+        `here` is the belt time of the stop in ns. A pulse that has not begun is not extended to a
+        time before `here`.
         """
         for pulses in self._pulses:
             pulses.resume(here)
