@@ -174,7 +174,10 @@ class InputPort(ABC):
 
     @abstractmethod
     def read(self) -> list[Reading]:
-        """Return one or more readings. The method may block for some tenths of a second."""
+        """Return one or more readings.
+
+        The method may block until the next edge or poll, or until the timeout of the device.
+        """
 
     @abstractmethod
     def close(self) -> None:
