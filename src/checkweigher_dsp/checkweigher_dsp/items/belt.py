@@ -11,16 +11,21 @@ from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.items.eyes import Eyes
 from checkweigher_dsp.items.item import YET_TO_LEAVE, State, TrackedItem
 
-# Ratio to the usual transit above which a transit is an outlier, or an item on the belt is overdue.
+# A transit is an outlier if it is longer or shorter than the usual transit by a larger factor. An
+# item is overdue after its length (a time) plus this factor times its expected transit.
 _OVERDUE = 1.5
-# Largest relative deviation from the usual transit at which an outfeed edge is expected.
+# An outfeed edge is expected if it differs from the expected time by less than this fraction of the
+# expected transit. An edge that is earlier by at least this fraction is too early for the item.
 _TOO_EARLY = 0.1
 _KNOWN_ITEMS = 16  # maximum number of stored recent items, and of stored given-up items
-_MOST_ITEMS = 100  # maximum number of items on the belt; only chatter of an eye causes more
+_MOST_ITEMS = 100  # maximum number of items on the belt, which is reached only if an eye chatters
 
 
 class UsualTransit:
-    """Usual time t3 - t1 of an item, its transit. `ItemTracker` describes the parameters."""
+    """Usual transit of the items, which is the time from t1 to t3 in ns.
+
+    `ItemTracker` describes the parameters.
+    """
 
     def __init__(self, max_transit: int, belt_lengths: float) -> None:
         self.max_transit = max_transit
@@ -28,16 +33,16 @@ class UsualTransit:
         self.forget()
 
     def forget(self) -> None:
-        """Discard the usual transit, because the belt speed may have changed."""
+        """Discard the usual transit and the latest outlier, which may no longer be valid."""
         self.value: int | None = None  # last accepted transit in ns, or None if there is none
         self._outlier: int | None = None
 
     def of(self, item: TrackedItem) -> int | None:
         """Return the expected transit of an item in ns, or None if it is unknown.
 
-        The expected transit is the usual transit. While there is none, the transit is estimated
-        from the time for which `item` blocked the infeed eye, if the length of the products and
-        this time are known.
+        The expected transit is the usual transit. While no usual transit is known, the transit is
+        estimated from the time for which `item` blocked the infeed eye, if the length of the
+        products and this time are known. The estimate is limited to `max_transit`.
         """
         if self.value is None and self._belt_lengths and item.length > 0:
             return min(round(item.length * self._belt_lengths), self.max_transit)
@@ -46,8 +51,9 @@ class UsualTransit:
     def learn(self, item: TrackedItem, transit: int) -> None:
         """Update the usual transit by the transit of an item in ns.
 
-        A transit that differs from the usual transit by a factor above 1.5 is an outlier. It
-        becomes the usual transit only if the next item confirms it.
+        A transit is an outlier if it differs by a factor above 1.5 from the usual transit, and from
+        the outlier directly before it if there is one. An outlier does not change the usual
+        transit. Any other transit becomes the usual transit, as does the first transit.
         """
         known = [usual for usual in (self.value, self._outlier) if usual is not None]
         item.outlier = self.value is not None and not any(
@@ -93,8 +99,8 @@ class UsualTransit:
 class Belt:
     """State of item tracking, which `checkweigher_dsp.items.transitions` updates after each edge.
 
-    ``unloaded(since, stamp)`` returns whether the scale shows that all items that entered after
-    `since` had left by `stamp`, both in ns.
+    ``unloaded(since, stamp)`` returns whether the scale shows that all items that entered at or
+    after the time `since` had left by the time `stamp`. Both times are in ns.
     """
 
     eyes: Eyes
@@ -117,12 +123,13 @@ class Belt:
         # Latest time in ns at which an unknown item left, or the last item left once more after
         # chatter of the eye, or the scale showed an empty belt. None if there is no such time.
         self.freed: int | None = None
-        # Time in ns at which the infeed eye cleared before its first blocking edge, or None. The
-        # clearing edge may only show the initial state of the eye.
+        # Time in ns of the first edge of the infeed eye, if this edge cleared the eye and waits for
+        # `settle_first`, otherwise None. Such an edge may only show the initial state of the eye.
         self.cleared_first: int | None = None
-        # Whether the infeed eye has had no edge since the clock changed.
+        # Whether the clock has changed and the infeed eye has had no edge since then.
         self.clock_is_new = False
-        # Whether abandoned items are still on the belt, because only the clock has jumped.
+        # Whether abandoned items may still be on the belt. This is so if they were abandoned
+        # because of a jump of the clock, which does not stop the belt.
         self.runs_on = False
         self.recent: deque[TrackedItem] = deque(maxlen=_KNOWN_ITEMS)
         self.unsettled: deque[TrackedItem] = deque()  # items whose numbers may still change
@@ -150,9 +157,11 @@ class Belt:
         return item
 
     def put(self, item: TrackedItem) -> None:
-        """Add an item to the belt. If it is not alone, all items on the belt become faults.
+        """Add an item to the belt.
 
-        If 100 items are already on the belt, the oldest item is given up first.
+        If other items are on the belt, the fault DISTANCE_FAULT is added to all items on the belt,
+        including the new one. If 100 items are already on the belt, the oldest one is given up
+        before the new item is added.
         """
         if len(self.items) >= _MOST_ITEMS:
             self.miss(self.items.pop(0), item.entered)
@@ -185,7 +194,8 @@ class Belt:
     def miss(self, item: TrackedItem, stamp: int) -> None:
         """Give up an item as a fault, because its outfeed edge is missing.
 
-        The caller must have removed the item from `items`.
+        `stamp` is the time in ns at which the item is given up. The caller must have removed the
+        item from `items`.
         """
         item.fault(Reason.MISSING_EDGE)
         item.given_up = stamp
@@ -195,7 +205,7 @@ class Belt:
         self.finished.append(item)
 
     def give_up_overdue(self, stamp: int) -> None:
-        """Give up the items that must have left by `stamp`, in ns, at the usual transit."""
+        """Give up the items that are overdue at `stamp`, in ns, according to `has_passed`."""
         while self.items and self.transit.has_passed(self.items[0], stamp):
             self.miss(self.items.pop(0), stamp)
 
@@ -213,7 +223,7 @@ class Belt:
         self.items, self.at_infeed, self.freed = [], None, stamp
 
     def expire(self, stamp: int) -> None:
-        """Give up the items that must have left by `stamp`, in ns, even on the slowest belt."""
+        """Give up the items that entered more than `max_transit` before `stamp`, in ns."""
         while self.items and stamp - self.items[0].entered > self.transit.max_transit:
             item = self.items.pop(0)
             self.miss(item, item.entered + self.transit.max_transit)
@@ -233,11 +243,12 @@ class Belt:
         self.at_infeed = self.at_outfeed = None
 
     def forget_clock(self, *, backwards: bool) -> None:
-        """Discard the times of departures and the usual transit, because the clock has changed.
+        """Discard the departure times and the usual transit, because the clock has changed.
 
-        The items that were given up get the state ABANDONED, so that an edge is assigned to one of
-        them only if no other item fits. If the clock has gone `backwards`, the edges of the eyes
-        and the recent items are discarded as well.
+        The last items that entered and left are discarded too. The items that were given up get the
+        state ABANDONED, so that an edge is assigned to one of them only if no other item fits. If
+        the clock has gone `backwards`, the recent items and the times of the edges of the eyes are
+        discarded as well.
         """
         self.entered_last = self.left_last = self.freed = None
         self.clock_is_new = True
@@ -257,8 +268,8 @@ class Belt:
     def clear(self, edge: EyeEdge) -> None:
         """Mark the eye of a clearing edge as clear.
 
-        An edge of the outfeed eye is also stored as the departure ahead of each item on the belt
-        with `others_there`.
+        The time of an edge of the outfeed eye also becomes `left_before` of each item on the belt
+        for which `others_there` is true, because the item at the outfeed eye has now left.
         """
         if edge.eye == Eye.INFEED:
             self.at_infeed = None
@@ -269,7 +280,10 @@ class Belt:
                 item.left_before = edge.stamp
 
     def drop_given_up(self) -> bool:
-        """Remove given-up and abandoned items. Returns whether one of them may be leaving now."""
+        """Remove given-up and abandoned items, whose state becomes GONE.
+
+        Returns whether one of them may be the item that is leaving now.
+        """
         ambiguous = bool(self.given_up or (self.runs_on and self.abandoned))
         _set_state((*self.given_up, *self.abandoned), State.GONE)
         self.given_up.clear()

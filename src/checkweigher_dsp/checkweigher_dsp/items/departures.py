@@ -21,7 +21,10 @@ def departure_before(belt: Belt, stamp: int) -> int | None:
 
 
 def last_departure(belt: Belt, stamp: int) -> int | None:
-    """Return the time in ns of the last departure, limited to `stamp`, or None if unknown."""
+    """Return the time of the last departure, or `stamp` if it is earlier; both are in ns.
+
+    The result is None if no departure time is known.
+    """
     items = *belt.given_up, belt.left_last
     departures = [belt.freed, *(item.departure for item in items if item is not None)]
     last = max((each for each in departures if each is not None), default=None)
@@ -50,9 +53,9 @@ def take_leaving(belt: Belt, stamp: int) -> TrackedItem:
     """Remove and return the item that an outfeed edge belongs to, and give up the items before it.
 
     The edge at `stamp`, in ns, is assigned to the item whose transit up to this edge is nearest to
-    its expected transit. Of the items that are still entering, only the first item on the belt is
-    considered. If no transit is expected, the edge is assigned to the first item. The belt must not
-    be empty.
+    its expected transit. An item that is still entering is considered only if it is the first item
+    on the belt. If no item that is considered has a known expected transit, the edge is assigned to
+    the first item. The belt must not be empty.
     """
     deviations = {0: math.inf}
     for i, candidate in enumerate(belt.items):

@@ -26,7 +26,8 @@ class EdgeQueue:
         self._lateness = lateness
         self._edges: list[EyeEdge] = []
         self._strays: list[EyeEdge] = []
-        self._newest = -math.inf  # largest stamp since the clock last changed, in ns
+        # Largest stamp in ns since the clock last changed, or -inf if there is none.
+        self._newest = -math.inf
 
     @property
     def is_empty(self) -> bool:
@@ -34,7 +35,7 @@ class EdgeQueue:
         return not self._edges
 
     def add(self, edge: EyeEdge) -> None:
-        """Add an edge. An edge that is too old becomes a stray."""
+        """Add an edge. It becomes a stray if it is more than `lateness` before the newest stamp."""
         if edge.stamp < self._newest - self._lateness:
             self._strays.append(edge)
         else:

@@ -60,7 +60,8 @@ class Eyes:
     def flickers(self, switch: Switch) -> bool:
         """Return whether an edge is chatter, because it follows the previous edge too soon.
 
-        The limit is the debounce time, or twice this time if an edge between both edges was lost.
+        The limit is the debounce time. It is twice this time if both edges have the same direction,
+        because an edge between them was lost. The result is False without a previous edge.
         """
         previous = switch.previous
         if previous is None:
@@ -71,9 +72,9 @@ class Eyes:
     def shows_state(self, stamp: int) -> bool:
         """Return whether an eye that clears at `stamp`, in ns, only shows its initial state.
 
-        The clearing edge is the first edge of the eye. It only shows the initial state if it is
-        less than `max_transit` before or at most `debounce` after the first sample, or if it is
-        within `debounce` of the first edge of the other eye.
+        The caller must ensure that this clearing edge is the first edge of the eye. The edge only
+        shows the initial state if it is less than `max_transit` before or at most `debounce` after
+        the first sample, or if it is within `debounce` of the first edge of the other eye.
         """
         if self.origin is not None and -self._max_transit < stamp - self.origin <= self.debounce:
             return True
@@ -81,7 +82,10 @@ class Eyes:
         return both and abs(self._first[Eye.INFEED] - self._first[Eye.OUTFEED]) <= self.debounce
 
     def forget_clock(self) -> None:
-        """Discard all edges, because the clock has changed, but keep the states of both eyes."""
+        """Discard the recent edges and the times of the youngest edges, as the clock has changed.
+
+        The states of both eyes and the times of their first edges are kept.
+        """
         self._known.clear()
         self.latest.clear()
         for eye, edge in self.youngest.items():

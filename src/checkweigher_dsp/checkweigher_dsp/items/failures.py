@@ -35,7 +35,10 @@ class Failures:
         items: Iterable[A],
         *more: Iterable[Any],
     ) -> list[B]:
-        """Apply `work` to each item and its arguments from `more`, and return the results."""
+        """Apply `work` to each item and its arguments from `more`, and return the results.
+
+        Raises `ValueError` if an iterable in `more` has not as many elements as `items`.
+        """
         results = []
         for item, *others in zip(items, *more, strict=True):
             try:
@@ -51,10 +54,14 @@ class Failures:
         fault: Callable[[A], B],
         items: Sequence[A],
     ) -> list[B]:
-        """Process all items in one call of the stateless `work`, and return the results."""
+        """Process all items in one call of `work`, and return the results.
+
+        If this call raises an exception, `work` is called again for each item alone. So `work` must
+        not keep a state between calls.
+        """
         try:
             return list(work(items))
-        except Exception:  # Process the items again one by one, so that only one of them fails.
+        except Exception:  # Only the items that cause an exception must fail.
             return self.each(lambda item: work([item])[0], fault, items)
 
 

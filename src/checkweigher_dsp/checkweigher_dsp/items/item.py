@@ -24,25 +24,31 @@ YET_TO_LEAVE = (State.ENTERING, State.ON_BELT)
 
 @dataclass(slots=True, eq=False)
 class TrackedItem:
-    """Item on the line, with its edges. Times are in ns unless stated otherwise."""
+    """Item on the line, with its edges.
+
+    Times are in ns unless stated otherwise. A time is None while it is unknown.
+    """
 
     item_id: int  # number of the item in the order of entry
-    t1: int | None = None  # The item begins to enter.
-    t2: int | None = None  # The item is fully on the belt.
-    t3: int | None = None  # The item begins to leave.
-    t4: int | None = None  # The item has left.
-    # Reasons why the item cannot be weighed, as a set in the order of their detection.
+    t1: int | None = None  # time at which the item begins to enter
+    t2: int | None = None  # time at which the item is fully on the belt
+    t3: int | None = None  # time at which the item begins to leave
+    t4: int | None = None  # time at which the item has left
+    # Reasons why the item cannot be weighed, in the order of their detection. They are the keys of
+    # a dictionary, because a set would not keep the order.
     faults: dict[Reason, None] = field(default_factory=dict)
     # Time at which the previous item left, or None if it is unknown. With `others_there`, this time
     # may be after t1.
     left_before: int | None = None
     others_there: bool = False  # whether another item may have been at the outfeed eye at t1
-    usual_transit: int | None = None  # usual transit when the item began to leave
+    usual_transit: int | None = None  # usual transit of earlier items when this item began to leave
     given_up: int | None = None  # time at which the item was given up
-    outlier: bool = False  # whether the transit differs much from that of earlier items
+    # Whether the transit is an outlier according to `UsualTransit.learn`, or the item began to
+    # leave only after it was given up.
+    outlier: bool = False
     state: State = State.ON_BELT
-    # Lag of the load behind the edges, or None before the rise of the load is compared with the
-    # edges.
+    # Shift of the weigh window behind the edges, because the load lags behind them. None before the
+    # rise of the load is compared with the edges.
     shift: int | None = None
     shift_std_dev: float = 0.0  # standard deviation of the shift in s
 
@@ -60,7 +66,7 @@ class TrackedItem:
 
     @property
     def length(self) -> int:
-        """Time in ns for which the item blocks an eye, or 0 if the time is unknown."""
+        """Time t2 - t1 in ns for which the item blocks the infeed eye, or 0 if it is unknown."""
         return self.t2 - self.t1 if self.t1 is not None and self.t2 is not None else 0
 
     @property
@@ -78,7 +84,11 @@ class TrackedItem:
         self.faults.update(dict.fromkeys(reasons))
 
     def accounts_for(self, stamp: int, debounce: int) -> bool:
-        """Return whether the item can have blocked the infeed eye at `stamp`; times are in ns."""
+        """Return whether the item can have blocked the infeed eye at the time `stamp`.
+
+        `stamp` and the debounce time `debounce` of the eye are in ns. An item without t1 can have
+        blocked the eye at any time before its first known edge.
+        """
         if self.t1 is None:
             return stamp < self.entered
         if self.t2 is None and Reason.CHATTERING_EYE in self.faults:

@@ -21,9 +21,9 @@ from checkweigher_dsp.items.transitions import apply_edge, apply_late_edge, sett
 class ItemTracker:
     """Assignment of the edges of two eyes to items, which leave in the order of their entry.
 
-    If an edge is missing, the next outfeed edge is assigned by the usual transit, so that a lost
-    edge affects only one item. An item that is given up is reported as a fault without t3. The
-    rules are a table in `checkweigher_dsp.items.transitions`.
+    If an edge is missing, the tracker assigns the next outfeed edge to the item whose transit fits
+    the usual transit best, so that a lost edge affects only one item. An item that is given up is
+    reported as a fault without t3. The rules are a table in `checkweigher_dsp.items.transitions`.
 
     An eye that clears for less than `debounce`, in ns, chatters. An item that has not reached the
     outfeed eye after `max_transit`, in ns, is given up. `count` is the number of the last item
@@ -101,8 +101,8 @@ class ItemTracker:
         return self.belt.take_finished()
 
     def forget(self, *, backwards: bool = True) -> None:
-        """Discard the times of departures and the usual transit, because the clock has changed.
+        """Discard the departure times and the usual transit, because the clock has changed.
 
-        The edges are discarded as well if the clock may have gone `backwards`.
+        The times of the edges are discarded as well if the clock may have gone `backwards`.
         """
         self.belt.forget_clock(backwards=backwards)

@@ -60,7 +60,11 @@ def apply_edge(belt: Belt, edge: EyeEdge) -> None:
 
 
 def settle_first(belt: Belt) -> None:
-    """Add the item of the first infeed edge, unless the edge only showed the initial state."""
+    """Add the item whose clearing edge was the first edge of the infeed eye.
+
+    No item is added if no such edge waits in ``belt.cleared_first``, or if the edge only shows the
+    initial state of the eye.
+    """
     stamp, belt.cleared_first = belt.cleared_first, None
     if stamp is not None and not belt.eyes.shows_state(stamp):
         _put_unseen(belt, stamp, Reason.START_UP)
@@ -103,7 +107,8 @@ def _is_settled(belt: Belt, item: TrackedItem, stamp: int) -> bool:
 def _merge_flicker(belt: Belt) -> None:
     """Merge the newest item into the previous item if the newest item is a flicker of the eye.
 
-    It is a flicker if it is too short and the clearing edge of the previous item was lost.
+    The newest item is a flicker if it blocked the infeed eye for less than the debounce time, or
+    less than twice this time after chatter, and if the clearing edge of the previous item was lost.
     """
     others = [*belt.given_up, *belt.items[:-1]]
     if not belt.items or not others or belt.items[-1].item_id != belt.count:
@@ -130,7 +135,7 @@ def _show_state(belt: Belt, switch: Switch) -> bool:
 
 
 def _last_at_outfeed(belt: Belt, switch: Switch) -> TrackedItem | None:
-    """Return the last item that left, or None if it cannot be at the outfeed eye any more."""
+    """Return the last item that began to leave if it may still be at the outfeed eye, or None."""
     last = belt.left_last
     if last is None:
         return None
@@ -140,7 +145,10 @@ def _last_at_outfeed(belt: Belt, switch: Switch) -> TrackedItem | None:
 
 
 def _longest_departure(belt: Belt, item: TrackedItem, stamp: int) -> int:
-    """Return the longest time in ns for which an item can be at the outfeed eye."""
+    """Return the longest time in ns for which an item can be at the outfeed eye.
+
+    `stamp` is the time in ns of the edge that may belong to this item.
+    """
     known = not item.outlier and not set(item.faults) - {Reason.DISTANCE_FAULT}
     span = max(item.length if known else 0, belt.eyes.debounce)
     if item is belt.at_outfeed and is_none_due(belt, stamp):
@@ -233,7 +241,7 @@ def _enter_unseen(belt: Belt, switch: Switch) -> TrackedItem:
 
 
 def _cover(belt: Belt, switch: Switch) -> bool:
-    """Mark the eye as blocked by an unknown item if the eye flickers before a known item leaves."""
+    """Mark the eye as blocked by an unknown item if it flickers and no known item has left yet."""
     if belt.left_last is not None or not belt.eyes.flickers(switch):
         return False
     belt.covered = True
@@ -248,7 +256,10 @@ def _leave_again(belt: Belt, switch: Switch) -> TrackedItem | None:
 
 
 def _leave_again_beside(belt: Belt, switch: Switch) -> TrackedItem | None:
-    """Continue the departure of an item if the only other item on the belt is entering."""
+    """Continue the departure of an item if the only other item on the belt is entering.
+
+    The fault MISSING_EDGE is added to the item that enters.
+    """
     item = switch.there
     if item is None or not belt.only_entering:
         return None
@@ -258,7 +269,7 @@ def _leave_again_beside(belt: Belt, switch: Switch) -> TrackedItem | None:
 
 
 def _leave_late(belt: Belt, switch: Switch) -> TrackedItem | None:
-    """Begin the departure of a given-up item if no item on the belt can leave yet."""
+    """Begin the departure of a given-up or abandoned item if no item on the belt can leave yet."""
     on_belt = belt.items and not belt.only_entering
     gone = belt.given_up if belt.given_up or on_belt else belt.abandoned
     if not gone or not is_none_due(belt, switch.stamp):
@@ -327,7 +338,7 @@ def _go_again(belt: Belt, switch: Switch) -> TrackedItem | None:
 def _go_beside(belt: Belt, switch: Switch) -> bool:
     """Store the departure of an unknown item if the only item on the belt is entering.
 
-    The item that enters becomes a fault.
+    The fault DISTANCE_FAULT is added to the item that enters.
     """
     if not belt.only_entering:
         return False
@@ -403,7 +414,7 @@ def apply_late_edge(belt: Belt, edge: EyeEdge) -> None:
     """Apply a late edge, and add a fault to all items on the belt.
 
     The edge is assigned to a known item that lacks it. An edge that belongs to no known item may
-    begin a new item.
+    begin a new item. An edge that is chatter is not assigned.
     """
     settle_first(belt)
     belt.fault_all(Reason.LATE_EDGE)
