@@ -14,7 +14,7 @@ from statistics import median
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.signal.rise_lag import RiseLag
 
-# Number of standard deviations by which a significant value differs from 0.
+# A value is significant if it differs from 0 by more than this number of standard deviations.
 _SURE = 4.0
 # The lag of an item is replaced by the usual lag if both differ by at most `_LIKELY` standard
 # deviations. If the lag of the item would shift its window, the limit is `_ALIKE` standard
@@ -24,17 +24,18 @@ _ALIKE = 1.0
 # Smallest shift of a window in s. A smaller lag does not shift the window, because the lags of
 # platforms differ by up to 5e-4 s.
 _LEAST_SHIFT = 6e-4
-# Variation of the rise time between items, as a fraction of the rise time.
+# Allowed variation of the lag between items, in addition to `rise_lag_tolerance`. It is a fraction
+# of the rise time, which is the time t2 - t1 in which the load rises.
 _SHARE = 0.02
-# Largest difference between a lag and the stated lag. The first term, in s, allows for filters and
-# displaced eyes. The second term, a fraction of the rise time, allows for products whose load rises
-# unevenly.
+# Largest difference between a lag and the stated lag, as the sum of two terms. The first term, in
+# s, allows for filters and displaced eyes. The second term, a fraction of the rise time, allows for
+# products whose load rises unevenly.
 _FURTHEST = 0.01
 _FURTHEST_SHARE = 0.15
 _FEWEST = 5  # minimum number of items from which a lag is learned
 _MOST = 25  # maximum number of items from which a lag is learned
-_LAST = 3  # number of items for the usual lag
-_RECENT = 8  # number of items that show a lasting change
+_LAST = 3  # number of last items whose median lag is the usual lag
+_RECENT = 8  # number of last items whose median lag shows a lasting change
 _EVEN = math.sqrt(12.0)  # width of a uniform distribution in standard deviations
 _SAME = 0.1  # largest relative difference in belt speed and in length between items of a kind
 
@@ -43,9 +44,9 @@ class EdgeCheck:
     """Comparison of the rise of the load of each item with the photo-eye edges of the item.
 
     The parameters state a lag of the load behind the edges, and whether this lag was measured. All
-    lags here are in s relative to the stated lag. If the stated lag was not measured, the lag is
-    learned as the median over the first items of a belt speed and length. It is learned again if
-    the speed or the length changes.
+    lags of this class, except those in a `RiseLag`, are in s relative to the stated lag. If the
+    stated lag was not measured, the lag is learned as the median over the first items of a belt
+    speed and length. It is learned again if the speed or the length changes.
     """
 
     def __init__(self, parameters: SegmenterParameters) -> None:
@@ -59,7 +60,7 @@ class EdgeCheck:
         self.forget()
 
     def forget(self) -> None:
-        """Discard the learned lag, and the speed and length that it belongs to."""
+        """Discard the learned lag, the lags of all items, and their speed and length."""
         self.learned = math.nan  # learned lag, or NaN until a lag is learned
         self._kind: tuple[float, float] | None = None  # belt speed in m/s and length in m
         self._first: list[RiseLag] = []
@@ -95,9 +96,10 @@ class EdgeCheck:
     def check(self, seen: RiseLag, speed: float, length: float) -> float | None:
         """Check an item and return the shift of its window behind the edges in s.
 
-        Returns 0 if the edges agree with the rise `seen` in the signal, and None if they contradict
-        it. If the rise is not visible, the usual lag is checked instead. `speed` is the belt speed
-        in m/s and `length` the length of the item in m.
+        Returns 0 if the lag of the rise `seen` in the signal is too small or not significant, and
+        None if the rise contradicts the edges. If the rise is not visible, the usual lag is checked
+        instead; while the usual lag is NaN, the result is 0. `speed` is the belt speed in m/s and
+        `length` the length of the item in m.
         """
         self._begin_kind(speed, length)
         self.shift_std_dev = 0.0
@@ -142,7 +144,7 @@ class EdgeCheck:
         return median(last) if len(last) == _LAST else math.nan
 
     def _bend(self) -> tuple[float, float]:
-        """Return the part of the lag due to an uneven rise, and its standard deviation.
+        """Return the part of the lag due to an uneven rise, and its standard deviation, in s.
 
         Both are 0 if the stated lag was measured, or if the part is not significant.
         """
@@ -153,7 +155,10 @@ class EdgeCheck:
         return (bend, std_dev) if abs(bend) > _SURE * std_dev else (0.0, 0.0)
 
     def _own_bend(self, seen: RiseLag) -> float:
-        """Return the bend of an item minus the usual bend, or 0 if it is not significant."""
+        """Return the bend of an item minus the median bend of the first items, in s.
+
+        The result is 0 if the difference is not significant, or before the first item.
+        """
         own = seen.bend - median(each.bend for each in self._first) if self._first else 0.0
         return own if abs(own) > _SURE * seen.bend_std_dev else 0.0
 

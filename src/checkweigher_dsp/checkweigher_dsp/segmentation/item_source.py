@@ -55,7 +55,10 @@ class ItemSource:
         return announced
 
     def add(self, edge: EyeEdge) -> list[TrackedItem]:
-        """Add an edge, and return the items finished by edges whose samples have arrived."""
+        """Add an edge, and process the edges whose samples have arrived.
+
+        Returns the items that are finished or given up.
+        """
         self.queue.add(edge)
         return self._reached()
 
@@ -69,10 +72,10 @@ class ItemSource:
         return items + self._announce(tracker.expire(now - self._lateness))
 
     def _forget_after(self, limit: int) -> list[TrackedItem]:
-        """Discard edges after `limit`, in ns, and return the items that are lost.
+        """Discard edges after `limit`, in ns, and return the items that are given up.
 
-        If such edges were already assigned to items, tracking begins again, because otherwise all
-        correct edges would be late.
+        If such edges were already assigned to items, all items on the belt are given up and
+        tracking begins again, because otherwise all correct edges would be late.
         """
         self.queue.drop_after(limit)
         if self.tracker.eyes.newest is None or self.tracker.eyes.newest <= limit:
@@ -96,7 +99,7 @@ class ItemSource:
         return self._track(self.queue.pop_all())
 
     def give_up(self, reason: Reason) -> list[TrackedItem]:
-        """Give up and return the items on the belt, with a reason."""
+        """Give up all items on the belt as faults with a reason, and return copies of them."""
         return self._announce(self.tracker.give_up(reason))
 
     def _reached(self) -> list[TrackedItem]:
@@ -127,10 +130,10 @@ class ItemSource:
         )
 
     def _is_unloaded(self, since: int, stamp: int) -> bool:
-        """Return whether the load shows that all items that entered after `since` have left.
+        """Return whether the load shows that all items that entered from `since` on have left.
 
         The load is that of the samples from `since` to `stamp`, both in ns. If a sample is missing,
-        the result is False.
+        or if there are fewer samples than in twice ``zero_moment``, the result is False.
         """
         buffer = self._buffer
         if buffer.empty:

@@ -21,14 +21,15 @@ _FEWEST = 8  # minimum number of samples in a window or segment that is checked
 
 
 class LoadCheck:
-    """Check whether the load in a window is steady, so that no other item enters or leaves.
+    """Check whether the load in a window is steady. If so, no other item enters or leaves in it.
 
     The check compares the mean of the last quarter of a window with the mean of the first half. The
     effect of vibration on this difference is estimated as the median of its magnitude over all
     segments of the empty belt that have the length of the window. A median is used because an
-    unseen item may leave the belt. If the signal of the empty belt is shorter than the window, the
-    previous median is kept. If there is no previous median, the whole signal of the empty belt is
-    used as one segment. Before the first signal of an empty belt, no vibration is assumed.
+    unseen item may leave the belt during some of these segments. If the signal of the empty belt is
+    shorter than the window, the previous median over such segments is kept. If there is no such
+    median, the whole signal of the empty belt is used as one segment. Before the first signal of an
+    empty belt, no vibration is assumed.
     """
 
     def __init__(self) -> None:

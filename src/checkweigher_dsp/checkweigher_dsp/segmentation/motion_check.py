@@ -44,7 +44,10 @@ class MotionCheck:
         return speed, length
 
     def check(self, item: TrackedItem) -> None:
-        """Add faults to an item. Each item must be checked once, in the order of departure."""
+        """Add faults to an item whose speed or length is not plausible.
+
+        The caller must check each item once, in the order of departure.
+        """
         limits = self._limits
         speed, length = self.measure(item)
         known = None not in (item.t1, item.t3)
@@ -72,7 +75,7 @@ class MotionCheck:
             item.fault(Reason.BELT_STOPPED if stopped else Reason.BELT_SPEED_CHANGED)
 
     def _check_length(self, item: TrackedItem, length: float) -> None:
-        """Compare the length of an item with `product_length`.
+        """Add a fault to an item whose length differs too much from ``product_length``.
 
         The eyes measure the extent of an item along the belt. For a rectangle at an angle, this
         extent is between the shorter side and the diagonal.

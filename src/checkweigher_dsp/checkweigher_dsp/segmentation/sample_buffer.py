@@ -27,7 +27,7 @@ _AHEAD = 0.25
 
 @dataclass(frozen=True, slots=True)
 class _Anchor:
-    """Index and time of a sample, from which the times of the later samples are computed."""
+    """Index of a sample and its time in ns, from which the times of later samples are computed."""
 
     first_index: int
     stamp: int
@@ -36,9 +36,10 @@ class _Anchor:
 class SampleBuffer:
     """Buffer of the last samples of a stream, with the gaps between them.
 
-    `sample_rate` is in Hz. The buffer holds `duration` in s, and no block may be longer. Blocks may
-    come twice or overlap, because known samples are ignored. If `is_restart` detects that the
-    source has started again, the caller must clear the buffer.
+    `sample_rate` is in Hz. The buffer holds at least the samples of the last `duration`, in s, and
+    no block may be longer than this duration. Blocks may come twice or overlap, because known
+    samples are ignored. If `is_restart` detects that the source has started again, the caller must
+    clear the buffer.
     """
 
     def __init__(self, sample_rate: float, duration: float) -> None:
@@ -72,7 +73,10 @@ class SampleBuffer:
         return self.stamp_at(self.end - 1)
 
     def stamp_at(self, index: int) -> int:
-        """Return the time of a sample in ns."""
+        """Return the time in ns of the sample with an index, which may be that of a future sample.
+
+        The buffer must not be empty.
+        """
         position = bisect_right(self._anchors, index, key=attrgetter('first_index')) - 1
         anchor = self._anchors[max(position, 0)]
         return anchor.stamp + round((index - anchor.first_index) * NANOSECONDS / self.sample_rate)

@@ -76,7 +76,7 @@ class Segmenter:
         inputs = load_cell, parameters, self._buffer, self.zero_keeper
         self._source = ItemSource(*inputs, item_count)
         self.cutter = WindowCutter(*inputs, failures)
-        self.samples = self.edges = 0  # numbers of processed records, including repeated ones
+        self.samples = self.edges = 0
 
     @property
     def item_count(self) -> int:
@@ -90,13 +90,16 @@ class Segmenter:
 
     @property
     def leaving_since(self) -> int | None:
-        """Time in ns since which the outfeed eye is blocked, or None if it is clear."""
+        """Time in ns since which the outfeed eye is blocked, or None if it is clear.
+
+        If the clock has gone back since the eye was blocked, the value is before any real time.
+        """
         edge = self._source.tracker.eyes.youngest.get(Eye.OUTFEED)
         return edge.stamp if edge is not None and edge.blocked else None
 
     @property
     def edges_wait(self) -> bool:
-        """Whether edges wait for the samples of the same time."""
+        """Whether edges wait for the samples of the same time. Strays are not counted."""
         return not self._source.queue.is_empty
 
     def take_announced(self) -> list[Item]:
@@ -187,7 +190,10 @@ class Segmenter:
         return windows
 
     def _pieces(self, block: SampleBlock) -> Iterator[SampleBlock]:
-        """Yield a block in parts of at most 1 s, so that no sample leaves the buffer unused."""
+        """Yield a block in parts of at most 1 s.
+
+        A longer part could push samples out of the buffer before they are used.
+        """
         rate, counts = self.load_cell.sample_rate, block.counts
         size = max(1, int(rate * seconds(_LONGEST_PIECE)))
         for begin in range(0, len(counts), size):
@@ -195,7 +201,11 @@ class Segmenter:
             yield SampleBlock(stamp, block.first_index + begin, counts[begin : begin + size])
 
     def _empty_span(self) -> Span | None:
-        """Return the span of an empty belt that no ring-down or late edge can affect, or None."""
+        """Return the span of samples of the empty belt, or None if the belt is not empty.
+
+        The span contains no ring-down, and no samples whose edges may still arrive. Its end is not
+        after its begin if the belt has not been empty for long enough.
+        """
         buffer, tracker = self._buffer, self._source.tracker
         if buffer.empty or not tracker.is_empty:
             return None

@@ -41,7 +41,7 @@ class _Place:
     entry: int  # index at t1
     begin: int  # index at t2
     end: int  # index at t3
-    trail_end: int  # index at the end of the samples after t3 that the item waits for
+    trail_end: int  # index one past the last sample after t3 that the window shall contain
     shift: int  # shift in ns
 
 
@@ -95,8 +95,9 @@ class WindowCutter:
     def cut(self, *, wait: bool = True) -> list[WeighWindow]:
         """Return the windows of the items whose samples have arrived.
 
-        With `wait`, the samples after t3 must have arrived too. The window of a fault contains no
-        samples, so that a fault only waits for the first sample of the stream.
+        With `wait`, the samples after t3 must have arrived too, and a fault waits for the first
+        sample of the stream. A fault does not wait for its own samples, because its window contains
+        no samples.
         """
         found = self._failures.each(
             partial(self._cut, wait=wait),
@@ -213,7 +214,9 @@ class WindowCutter:
         seen = self._see_rise(item, place)
         begins_late = seconds(place.t1 - (buffer.origin or 0)) < _BEFORE_RISE
         if self.jumped and begins_late and not seen.is_known:
-            return Reason.CLOCK_JUMP  # The clock of the eyes may not have jumped with the samples.
+            # Do not trust the edges, because the clock of the eyes may not have jumped by the same
+            # time as the clock of the samples.
+            return Reason.CLOCK_JUMP
         shift = self.edge_check.check(seen, *self.motion.measure(item))
         if shift is None:
             return self._contradiction(place, seen)
@@ -233,7 +236,10 @@ class WindowCutter:
         return Reason.EDGE_MISMATCH if alone else Reason.DISTANCE_FAULT
 
     def _see_rise(self, item: TrackedItem, place: _Place) -> RiseLag:
-        """Return the lag of the rise of the load, unknown if other items may be on the belt."""
+        """Return the lag of the rise of the load behind the edges.
+
+        The lag is unknown if there is no sample before t1 at which the belt was surely empty.
+        """
         buffer, cell = self._buffer, self._load_cell
         entry, begin, end = place.entry, place.begin, place.end
         earliest = buffer.whole_from(entry - self._samples(_BEFORE_RISE), entry)
@@ -249,7 +255,8 @@ class WindowCutter:
         """Return the index of the first sample at which no other item is on the belt.
 
         The index is `first` if there was no other item, and `begin` if another item was there at t1
-        and the time of its departure is unknown.
+        and the time of its departure is unknown. `shift` is the lag of the load behind the edges in
+        ns.
         """
         if item.left_before is None:
             return begin if item.others_there else first
@@ -278,9 +285,11 @@ class WindowCutter:
         return None
 
     def _empty_belt(self, item: TrackedItem, entry: int) -> tuple[NDArray[np.int32], bool]:
-        """Return the samples of the empty belt before an item.
+        """Return the samples of the empty belt before an item, (n,) in counts.
 
-        Also returns whether these samples begin after the ring-down of the previous item.
+        Also returns whether these samples begin after the ring-down of the previous item. Samples
+        of the ring-down are included only if there are too few samples after it. If another item
+        may have been at the outfeed eye at t1, n is 0 and the second result is False.
         """
         buffer, parameters = self._buffer, self._parameters
         if item.others_there:

@@ -44,7 +44,8 @@ class ZeroLimits:
 
     range: float = math.inf  # largest distance from the zero of calibration in counts
     rate: float = math.inf  # maximum rate of change in counts/s
-    stability: float = math.inf  # largest difference of means of parts of a segment, in counts
+    # Largest difference in counts between the means of the parts of a stable segment.
+    stability: float = math.inf
 
 
 class _Motion:
@@ -76,7 +77,10 @@ class _Motion:
         self.value, self.variance, self._covariance = value, variance, 0.0
 
     def carry_on(self, elapsed: float) -> None:
-        """Predict the zero and the drift after the time `elapsed` in s."""
+        """Predict the zero and the drift after the time `elapsed` in s.
+
+        The variance of the zero is limited to the initial variance.
+        """
         left = math.exp(-elapsed / _DRIFT_TIME)
         reach = _DRIFT_TIME * (1 - left)
         self.value += reach * self._drift
@@ -102,7 +106,7 @@ class _Motion:
         limit, the drift and the variance of the filter are not changed.
         """
         innovation, variance = reading - self.value, self.variance + noise
-        # A constant term of the logarithm is omitted.
+        # The constant term of the log-likelihood is omitted, because only differences matter.
         likelihood = -0.5 * (innovation**2 / variance + math.log(variance))
         self.evidence = _EVIDENCE_MEMORY * self.evidence + likelihood
         gain, drift_gain = self.variance / variance, self._covariance / variance
@@ -252,7 +256,10 @@ class ZeroTracker:
         return max(off) <= _OUTLYING * median(off) + least
 
     def _parts(self, counts: Array, duration: float) -> list[float]:
-        """Return the Hann-weighted means of parts of about `duration` in s, at least two."""
+        """Return the Hann-weighted means of parts of about `duration` in s, at least two.
+
+        If the parts would contain no samples, the result is [0].
+        """
         number = self._number(counts, duration)
         size = len(counts) // number
         if size == 0:
