@@ -68,7 +68,7 @@ def _hann_weights(count: int) -> tuple[Array, float]:
 
 
 class RunningMoments:
-    """Count, largest magnitude, mean and standard deviation of the values added so far.
+    """Count, value of largest magnitude, mean and standard deviation of the values added so far.
 
     Mean and standard deviation are updated by the method of Welford, Technometrics 4 (1962) 419.
     """

@@ -24,8 +24,10 @@ from checkweigher_dsp.signal import Array
 class Noise:
     """Variances of the filter, for a signal whose steady state is normalised to about 1."""
 
-    measurement: float  # measurement noise R as a multiple of `variance` of `identify`
-    process: float  # process noise Q of x as a multiple of R; Q of the coefficients is 0
+    # Variance R of the measurement noise as a multiple of the argument `variance` of `identify`.
+    measurement: float
+    # Variance Q of the process noise of x as a multiple of R. Q of the coefficients is 0.
+    process: float
     coefficients: float  # initial variance P0 of a1 and a2
     initial: float = 1.0  # initial variance P0 of x(k), x(k-1) and b1
 
@@ -143,7 +145,7 @@ _LEAST_MEASUREMENT = 1e-14
 
 
 def _by_sample(values: Array) -> Any:
-    """Return the transpose of the values, (windows, n), or a list of floats for one window.
+    """Return the transpose of `values`, (windows, n), or a list of n floats for one window.
 
     The arithmetic on floats gives the same results to the last bit as the arithmetic on arrays of
     one number, and is 20 times as fast.

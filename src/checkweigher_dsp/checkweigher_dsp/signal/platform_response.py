@@ -98,7 +98,9 @@ def responses(platform: Platform, mass: float, crossing: Crossing, time: Array) 
 def _oscillations(since: Any, omega: float, decay: float, damped: float) -> tuple[Any, Any]:
     """Return two free oscillations of the empty platform at the times `since` in s.
 
-    The first begins with value 1 and slope 0, and the second with value 0 and slope `omega`.
+    At time 0, the first oscillation has the value 1 and the slope 0, and the second the value 0 and
+    the slope `omega`. `omega` is the angular natural frequency, `decay` the decay rate and `damped`
+    the damped angular frequency, all in 1/s.
     """
     envelope = np.exp(-decay * since)
     cosine, sine = envelope * np.cos(damped * since), envelope * np.sin(damped * since)

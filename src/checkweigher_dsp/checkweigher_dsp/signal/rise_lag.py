@@ -35,7 +35,7 @@ _TAPER = 0.05  # longest taper of the weight a in s
 _EMPTY = 0.3  # longest duration in s of the empty-belt signal from which z is computed
 _SHORTEST_EMPTY = 0.06  # shortest duration in s of an empty-belt signal that shows the vibration
 _FEWEST = 8  # minimum number of samples for z, and for z + M
-_ROUNDS = 10
+_ROUNDS = 10  # maximum number of iterations for the lag
 # Change of the lag in s below which the iteration ends.
 _CLOSE = 1e-5
 # Fraction of the vibration under the full load that counts as noise. Most of this vibration is
@@ -132,7 +132,7 @@ def lag_of(window: WeighWindow) -> RiseLag:
 
     The segmenter has already subtracted a lag from the `stamp` of the window. The result is the
     remaining lag. All values are NaN if t1, t2 or t3 is unknown, if there are no samples of the
-    empty belt, or if `rise_lag` cannot determine the lag.
+    empty belt before t1 or fewer than eight samples, or if `rise_lag` cannot determine the lag.
     """
     t1, t2, t3 = window.t1, window.t2, window.t3
     if t1 is None or t2 is None or t3 is None:
@@ -193,7 +193,8 @@ def _noise(force: Array) -> tuple[Array, float]:
 def _rms(noise: tuple[Array, float], weights: Array) -> float:
     """Return the root mean square of the sum of m samples of noise with the given weights, (m,).
 
-    It is the mean over all positions of the weights in the noise, which is a result of `_noise`.
+    The root mean square is taken over all positions of the weights in the noise. `noise` is a
+    result of `_noise`.
     """
     tapered, power = noise
     seen = np.correlate(tapered, weights, 'full')
