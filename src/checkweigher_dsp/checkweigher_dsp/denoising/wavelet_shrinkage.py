@@ -104,7 +104,8 @@ def _circular_transform(taps: Sequence[float], length: int) -> NDArray[np.comple
 def _syntheses(length: int) -> tuple[NDArray[np.complex128], Array]:
     """Return the frequency responses of the inverse SWT, and those of SWT and inverse together.
 
-    Both have a row for each band, as the result of `band_responses`. The latter are real.
+    Both arrays have the shape of the result of `band_responses`, with a row for each band. The
+    responses of SWT and inverse together are real.
     """
     responses = band_responses(length)
     # The inverse is the average over the 2**j shifted bases of level j. So the responses are
@@ -203,7 +204,8 @@ def threshold_universally(
     for band in range(LEVELS):
         coefficients = np.fft.irfft(spectrum * responses[band], length)
         if each_level or band == 0:
-            # Undo the delay by the causal filters of a level, which is half their length.
+            # Undo the delay by the causal filters of a level, because `measured` refers to the time
+            # of the signal. The delay is half the total length of these filters.
             centre = taps // 2 * (2 ** (band + 1) - 1)
             centred = np.roll(coefficients, -centre, axis=-1)
             threshold = factor * np.median(np.abs(centred[..., measured]), axis=-1, keepdims=True)
