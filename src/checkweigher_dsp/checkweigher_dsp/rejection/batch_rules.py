@@ -20,7 +20,7 @@ _COUNTS = ('items', 'accepted', 'below_tu1', 'surplus')
 
 @dataclass(frozen=True, slots=True)
 class BatchTally:
-    """Counts of a product in a batch."""
+    """Counts of the items of one product in one batch."""
 
     product: str = ''  # name of the product
     batch: str = ''  # name of the batch
@@ -90,7 +90,10 @@ class BatchRules:
 
 
 def broken_rules(mass: float, tally: BatchTally, product: ProductOnLine) -> tuple[str, ...]:
-    """Return the reasons of the rules that would be broken if an item of `mass` were accepted."""
+    """Return a reason for each rule that would be broken if an item were accepted.
+
+    `mass` is the mass of the item in kg. The result is empty if no rule would be broken.
+    """
     broken = []
     if _below_tu1(mass, product) and not tally.has_room(product.tu1_quota):
         broken.append(Reason.TU1_QUOTA.value)

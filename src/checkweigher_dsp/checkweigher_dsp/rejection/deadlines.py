@@ -53,7 +53,10 @@ class Deadlines:
         return came
 
     def add_item(self, item: Item, now: int | None) -> None:
-        """Add an announcement that arrived at `now`."""
+        """Store the line speed of an announcement, and `now` if it is the first announcement.
+
+        `now` is the time of its arrival, or None without a clock. An unknown speed is not stored.
+        """
         if self._heard is None:
             self._heard = now
         if not math.isnan(item.line_speed):
@@ -63,7 +66,7 @@ class Deadlines:
         """Set the reject time of a complete item and, unless `now` is None, its deadline.
 
         If the reject time or the arrival of the outfeed edge is unknown, the deadline is a fixed
-        time after `now`.
+        time after `now`. Otherwise the time after which the verdict is late is set as well.
         """
         t3, speed = pending.item.t3, pending.item.line_speed
         pending.reject_at = reject_at = self.parameters.reject_time(t3, speed)
@@ -99,7 +102,8 @@ class Deadlines:
 
         `over` is the stamp at which the answer times of all devices are over, or None if the
         verdict waits for no device. Returns whether the verdict waits. The verdict does not wait
-        beyond the deadline of the item, and without `now` it does not wait at all.
+        beyond the deadline of the item. It does not wait at all without `now`, or before the first
+        edge of the stream has arrived.
         """
         ready = None if over is None else self._arrivals.at(over)
         if now is None or ready is None or ready <= now:
@@ -121,7 +125,8 @@ class Deadlines:
             return late_from is not None and now > late_from
         if late_from is None:
             late_from = self._arrivals.at(reject_at)
-        if late_from is None:  # No edge has arrived in this stream.
+        if late_from is None:
+            # No edge has arrived in this stream, so that only stamps can be compared.
             return reject_at < self.newest
         lead = reject_at - verdict.station_at if verdict.station_at else 0
         return now > late_from - lead

@@ -66,11 +66,11 @@ class Span(NamedTuple):
 
 @dataclass(slots=True, eq=False)
 class _Signal:
-    """Reject by a device."""
+    """Reject by an inspection device, which waits for its item."""
 
     reject: ExternalReject
-    # Time in ns on the clock of arrivals at which the reject is removed. It counts as missed if it
-    # was not applied to an item before.
+    # Time in ns on the clock of arrivals at which the reject is removed. A reject that was not
+    # applied to an item by then counts as missed.
     forget_at: int
     used: bool = False  # whether the reject was applied to an item
 
@@ -80,7 +80,8 @@ class Inspections:
 
     def __init__(self, parameters: RejectParameters) -> None:
         self.parameters = parameters  # parameters, which may be replaced at any time.
-        # Stop request for the first reject that was not applied. The caller removes the request.
+        # Stop request for the first missed reject, or None. The caller passes the request on and
+        # sets the attribute to None.
         self.missed: StopRequest | None = None
         self._signals: deque[_Signal] = deque(maxlen=_MAX_SIGNALS)
         # Latest verdicts of this stream, which are final, with the passages of the items.
@@ -90,7 +91,11 @@ class Inspections:
         self._outages = deque([Span(-_EVER, _EVER)], maxlen=_MAX_OUTAGES)
 
     def look(self, conditions: MachineConditions, stamp: int, *, heard: bool) -> None:
-        """Store whether all devices run at `stamp`; `heard` is whether a node publishes rejects."""
+        """Store whether all devices run at `stamp` in ns.
+
+        They run if `conditions` are known and contain no inspection fault, and if `heard` is true.
+        `heard` states whether a node publishes rejects.
+        """
         fault = StopReason.INSPECTION_FAULT in conditions.conditions
         running = conditions.known and not fault and heard
         # Date an outage back, because it may have begun before the latest edges arrived.

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 
 from checkweigher_core.records import NUMBERS_AT_ONCE, Item, MassEstimate, Verdict
 
-MAX_JUDGED = 1_024  # maximum number of stored numbers, more than the topic `items` can queue
+# Maximum number of stored numbers of items with a verdict. It is larger than the number of messages
+# that the topic `items` can queue.
+MAX_JUDGED = 1_024
 _MAX_OWN = 1_000  # maximum number of stored numbers of items without an announcement
 
 
@@ -87,10 +89,10 @@ class PendingItems:
     def unannounced(self, stamp: int, after: int) -> PendingItem | None:
         """Return a new item that no segmenter has announced, or None if no number is free.
 
-        `after` is the largest item number when the outfeed edge arrived. The new item gets the next
-        free number above this number. Only numbers below the next multiple of `NUMBERS_AT_ONCE` are
-        free, because a restarted segmenter continues there. No number is free before the first
-        announcement.
+        `stamp` is the time of its outfeed edge in ns, and `after` is the largest item number when
+        this edge arrived. The new item gets the next free number above `after`. Only numbers below
+        the next multiple of `NUMBERS_AT_ONCE` are free, because a restarted segmenter continues
+        there. No number is free if `after` is 0, because no item number is known then.
         """
         number = after + 1
         while self.has_verdict(number) or number in self.pending:
@@ -148,7 +150,7 @@ class EarlyEstimates:
         )
 
     def advance(self, now: int) -> None:
-        """Remove the estimates that have expired by `now`."""
+        """Remove the estimates that have expired by `now`, and add their number to `unknown`."""
         kept = {n: each for n, each in self._waiting.items() if each[1] is None or each[1] > now}
         self.unknown += len(self._waiting) - len(kept)
         self._waiting = kept

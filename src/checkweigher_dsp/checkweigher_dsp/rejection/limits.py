@@ -48,7 +48,7 @@ def judge(estimate: MassEstimate, parameters: RejectParameters, product: Product
 
 
 def without_estimate(item: Item, reject_at: int | None, product: ProductOnLine) -> Verdict:
-    """Return the verdict on an item whose mass has not arrived in time."""
+    """Return the FAULT of an item whose mass has not arrived in time. `reject_at` is in ns."""
     test = (Reason.PERFORMANCE_TEST.value,) if product.performance_test else ()
     return Verdict(
         item.item_id,
@@ -63,7 +63,10 @@ def without_estimate(item: Item, reject_at: int | None, product: ProductOnLine) 
 
 
 def refused(verdict: Verdict) -> Verdict:
-    """Return a verdict, changed to a FAULT without a mass because of foreign publishers."""
+    """Return a copy of a verdict that is a FAULT without a mass.
+
+    Its first reason is ForeignPublisher, because a node outside the line publishes its topics.
+    """
     reasons = tuple(dict.fromkeys((Reason.FOREIGN_PUBLISHER.value, *verdict.reasons)))
     return replace(
         verdict, decision=Decision.FAULT, reasons=reasons, mass=math.nan, std_dev=math.nan

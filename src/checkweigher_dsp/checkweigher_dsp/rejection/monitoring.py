@@ -24,7 +24,7 @@ from checkweigher_dsp.rejection.parameters import RejectParameters
 
 _REASONS = {reason.value: reason for reason in StopReason}
 
-_FAILED_IN_A_ROW = 2  # number of successive failures of a stage that stops the line.
+_FAILED_IN_A_ROW = 2  # number of successive items with a failed stage after which the line stops
 # Shortest time in s in which a drift changes the zero by the largest permitted step.
 _DRIFT_TIME = 600.0
 
@@ -50,11 +50,13 @@ class RejectMonitor:
     def __init__(self, parameters: RejectParameters) -> None:
         self.parameters = parameters  # parameters, which may be replaced at any time
         self.request: StopRequest | None = None  # first stop request since the last reset
-        self.trouble = ''  # problem of the driver, or empty
+        self.trouble = ''  # text about a problem of the driver, or empty
         self.conditions = MachineConditions(0, True)
         self.test: PerformanceTest | None = None  # latest state of the performance test, or None
-        self.strangers = ''  # foreign nodes that publish topics of the line, or empty
-        self.zero_step = ''  # excessive step of the zero since it was last set, or empty
+        self.strangers = ''  # text about foreign nodes that publish topics of the line, or empty
+        # Text about an excessive step of the zero, or empty if there was none since the zero was
+        # last set on request.
+        self.zero_step = ''
         self._zero: tuple[float, int] | None = None  # last zero in kg and its time in ns
         self._in_a_row = self._failed_in_a_row = 0
         self.restart()
@@ -112,12 +114,20 @@ class RejectMonitor:
         self._zero = change.zero, change.stamp
 
     def add_edge(self, edge: EyeEdge) -> None:
-        """Add an edge of the eye behind the rejector. Edges that clear the eye are ignored."""
+        """Add an edge of the eye behind the rejector.
+
+        Edges that clear the eye are ignored. If ``confirmation_time`` is 0, all edges are ignored.
+        """
         if self._window and edge.blocked:
             self._edges.append(edge.stamp)
 
     def check(self, now: int) -> None:
-        """Request a stop if there is a persistent reason at `now`, in ns of the system clock."""
+        """Request a stop if there is a reason that persists until its cause is removed.
+
+        `now` is the time of the system clock in ns. Such reasons are problems of the driver,
+        conditions of the machine inputs, an overdue or failed performance test, foreign nodes, and
+        an excessive step of the zero.
+        """
         if self.trouble:
             if self.request is not None and self.request.reason is StopReason.DRIVER_TROUBLE:
                 self.request = None  # Replace the request, because its text may have changed.
@@ -142,7 +152,8 @@ class RejectMonitor:
     def advance(self, now: int) -> int:
         """Evaluate the edges and items that are due, and return the number of unassigned edges.
 
-        `now` is a stamp in ns. If no edge has confirmed a rejected item, a stop is requested.
+        `now` is a stamp in ns. A stop is requested if no edge belongs to a rejected item, or if an
+        edge belongs to an accepted item.
         """
         window = self._window
         near = [self._settle(stamp) for stamp in self._edges if stamp + window < now]

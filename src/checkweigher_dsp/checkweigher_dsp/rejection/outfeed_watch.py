@@ -18,8 +18,9 @@ class OutfeedEdge:
     """Edge at which an item began to leave."""
 
     stamp: int  # time stamp in ns
-    came: int  # time in ns on the clock of arrivals at which it would arrive without a delay
-    after: int  # largest item number so far when the edge arrived
+    # Time in ns on the clock of arrivals at which the edge would have arrived without a delay.
+    came: int
+    after: int  # largest known item number when the edge arrived
 
 
 class OutfeedWatch:
@@ -58,7 +59,10 @@ class OutfeedWatch:
         self.open = [*self.open, OutfeedEdge(edge.stamp, came, after)][-_MOST:]
 
     def explain(self, t3: int | None) -> None:
-        """Remove the edge of an announced item, or ignore this edge if it arrives later."""
+        """Remove the edge of an announced item, or ignore this edge if it arrives later.
+
+        `t3` is the stamp of the edge, or None if the item has no such edge.
+        """
         if t3 is not None:
             self._explained.append(t3)
             self.remove(t3)

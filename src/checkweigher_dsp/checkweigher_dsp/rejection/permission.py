@@ -46,7 +46,11 @@ class PermissionRule:
         self._signs[stage] = now
 
     def may_run(self, present: Mapping[str, bool], now: int, *, stopped: bool) -> bool:
-        """Return whether the line may run; `present` is whether each input has a publisher."""
+        """Return whether the line may run at `now`.
+
+        `present` contains for each input whether it has a publisher, and `stopped` is whether a
+        stop is requested.
+        """
         old = now - self._fresh_time
         signs = {name: sign is not None and sign >= old for name, sign in self._signs.items()}
         self._missing = tuple(name for name, well in {**present, **signs}.items() if not well)
@@ -54,7 +58,7 @@ class PermissionRule:
         return self._given
 
     def fresh_for(self, now: int) -> int:
-        """Return the time until the first sign of life expires, or 0 if one has expired.
+        """Return the time in ns until the first sign of life expires, or 0 if one has expired.
 
         The result is also 0 if one of the required signs of life has never arrived.
         """

@@ -48,7 +48,8 @@ class RejectStage:
         self.inspections = Inspections(parameters)
         self.items = PendingItems(judged)
         self.early = EarlyEstimates()
-        # Counts of estimates and announcements that were repeated or arrived after the verdict.
+        # Number of estimates, and number of announcements, that were repeated or arrived after the
+        # verdict.
         self.late_estimates = self.late_items = 0
         # Whether a foreign node may have sent edges or estimates. Each verdict is then a FAULT.
         self.foreign = False
@@ -129,8 +130,9 @@ class RejectStage:
         """Return the verdicts on lost items, which were on the belt ahead of a leaving item.
 
         Items leave in the order of their entry. So if an earlier item still seems to be on the
-        belt, the segmenter has lost it by a restart. If the entry of the leaving item is unknown,
-        the leaving item is the oldest lost item.
+        belt, the segmenter has lost this item by a restart. If t1 of the leaving item is unknown,
+        the leaving item is assumed to be the oldest lost item, and only this item gets a verdict.
+        If t3 of the leaving item is unknown or `now` is None, there are no verdicts.
         """
         if leaving.item.t3 is None or now is None:
             return []
@@ -201,7 +203,10 @@ class RejectStage:
         return self._deadlines.of_edge(edge, belt_speed(t1, edge.stamp, self.weigh_length))
 
     def judge_complete(self, now: int | None = None) -> list[Verdict]:
-        """Return the verdicts on complete items, whose masses may have been missed."""
+        """Return the verdicts on all waiting items that are complete.
+
+        The items do not wait any longer, because the stage may have missed their masses.
+        """
         return [
             self._give(each, now)
             for each in list(self.items.pending.values())

@@ -89,8 +89,8 @@ def _range(name: str, word: str) -> tuple[float, float]:
 def route(verdict: Verdict, stations: tuple[Station, ...], speed: float) -> Verdict:
     """Return a verdict with the station that removes the item; `speed` is in m/s or NaN.
 
-    The verdict is returned without a station if no station removes the item, or if the speed, t3 or
-    the place of the item is uncertain.
+    The verdict is returned without a station if no station removes the item, if the speed or t3 is
+    unknown, or if the place of the item is uncertain.
     """
     if verdict.t3 is None or not speed > 0 or not _NO_PLACE.isdisjoint(verdict.reasons):
         return verdict

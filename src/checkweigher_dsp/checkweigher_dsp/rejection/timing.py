@@ -46,9 +46,10 @@ class StreamClock:
         return stamp + (now - came if self.running else 0)
 
     def reaches(self, stamp: int, now: int) -> int | None:
-        """Return the arrival time at which the clock shows `stamp`, or None if it is unknown.
+        """Return the time on the monotonic clock at which this clock shows `stamp`.
 
-        If the clock already shows `stamp` or a later time, the result is `now`.
+        If this clock already shows `stamp` or a later time, the result is `now`. The result is None
+        before the first message, or if the clock is not running and has not reached `stamp`.
         """
         time = self.at(now)
         if time is None or (time < stamp and not self.running):
