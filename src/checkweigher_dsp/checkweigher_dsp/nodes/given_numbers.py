@@ -57,10 +57,10 @@ class GivenNumbers:
             self._fail(error)
 
     def _begin(self, file: int, run: str) -> bool:
-        """Read the file, or write an empty one for a new run. Returns whether it was intact.
+        """Read the file, or write an empty one for a new run. Returns whether the file was intact.
 
-        A file is intact if its first line is that of this run, and if the other lines contain a
-        number or are all blank.
+        A file is intact if its first line is that of this run, and if at least one of the other
+        lines contains a number or all of them are blank.
         """
         line = run[: _LINE - 1].ljust(_LINE - 1) + '\n'
         data = os.pread(file, _LINE + self._most * _NUMBER, 0).decode(errors='replace')

@@ -56,7 +56,11 @@ class IdentifierNode(StageNode[IdentifierParameters]):
         super().destroy_node()
 
     def on_parameters(self) -> None:
-        """Apply changed parameters. If learning is switched on, read the learned state first."""
+        """Apply changed parameters, and discard the statistics of the masses.
+
+        If learning is on and nothing has been learned yet, the learned state is read from its file
+        first.
+        """
         known = self._identifier.learned
         if self.parameters.learn and not known.kinds:
             self._record.close()
@@ -99,7 +103,11 @@ class IdentifierNode(StageNode[IdentifierParameters]):
         return response
 
     def _note_learned(self) -> None:
-        """Write the learned state to its file, and to the audit log if its use has changed."""
+        """Write a changed learned state to its file, and to the audit log if its use has changed.
+
+        The use changes if the learned weights begin or cease to be used for weighing, or if another
+        change of the machine is detected.
+        """
         known = self._identifier.learned
         kept = tuple(part for each in known.kinds for part in (each.fit, each.change))
         if kept == self._kept:

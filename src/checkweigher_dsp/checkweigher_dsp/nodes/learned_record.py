@@ -33,7 +33,10 @@ class LearnedRecord:
             self._fail(error)
 
     def read(self) -> LearnedKinds | None:
-        """Return the content of the file, or None if it does not exist or cannot be read."""
+        """Return the content of the file, or None if it does not exist or cannot be read.
+
+        If the file exists but cannot be read, `trouble` is set.
+        """
         try:
             if self._path is not None and self._path.exists():
                 return read_settings(self._path, LearnedKinds)

@@ -90,8 +90,9 @@ class RejectNode(ManagedStageNode[RejectParameters]):
     def activate(self) -> None:
         """Begin to publish verdicts, and replace the stop request NotReady.
 
-        It is replaced by the request of the monitor, or withdrawn if there is none. A complete item
-        gets its verdict at once, because its mass may have been missed.
+        The request NotReady is replaced by the request of the monitor, or withdrawn if the monitor
+        requests no stop. A complete item gets its verdict without waiting for its mass, because the
+        node may have missed this mass while it was not active.
         """
         self._monitor.restart()
         self._stops.begin()
@@ -202,7 +203,8 @@ class RejectNode(ManagedStageNode[RejectParameters]):
     def _update(self) -> None:
         """Pass the reasons for a stop to the monitor, publish its request, and set the timer.
 
-        If the node is not active, only the foreign nodes and the inspection devices are checked.
+        If the node is not active, the foreign nodes and the state of the inspection devices are
+        passed to the stage, but no request is published and the timer is not set.
         """
         stage, monitor = self._stage, self._monitor
         stage.foreign = bool(monitor.strangers)

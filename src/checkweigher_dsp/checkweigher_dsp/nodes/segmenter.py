@@ -129,7 +129,10 @@ class SegmenterNode(StageNode[SegmenterParameters]):
             self._on_event(self._early.popleft())
 
     def _start(self, load_cell: LoadCell) -> None:
-        """Begin a new stream. Items of the previous stream on the belt become faults."""
+        """Begin a new stream. Items of the previous stream still on the belt become faults.
+
+        Requests to set the zero fail, because they belong to the previous stream.
+        """
         self._watch.begin_stream(time.monotonic(), load_cell)
         before = self._segmenter
         if before is not None:
