@@ -183,7 +183,7 @@ class BeltNoiseWatch:
 
     @property
     def frequency(self) -> float:
-        """Frequency in Hz of the strongest spectral line from 2 Hz, or NaN without noise."""
+        """Frequency in Hz of the strongest spectral line at or above 2 Hz, or NaN without noise."""
         lowest = math.ceil(_LOWEST_FREQUENCY * _FFT_LENGTH / self._rate)
         if not self._power[lowest:].any():
             return math.nan
