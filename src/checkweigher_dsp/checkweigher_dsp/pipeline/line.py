@@ -77,7 +77,13 @@ class LineParameters:
         return replace(self, **made)
 
     def with_estimator(self, name: str) -> Self:
-        """Return a copy with another estimator."""
+        """Return a copy that uses the estimator `name`.
+
+        Raises
+        ------
+        ParameterError
+            If there is no such estimator, or a Python package that it needs is missing.
+        """
         return replace(self, identifier=replace(self.identifier, estimator=name))
 
 
@@ -94,7 +100,8 @@ class WeighingLine:
     """Line of the four stages, from samples and edges to verdicts.
 
     The nodes call the same stages with the same values, so their masses are equal to the masses of
-    this line to the last bit.
+    this line to the last bit. Raises `ParameterError` if the windows need too many samples at the
+    sample rate of the load cell.
     """
 
     def __init__(self, load_cell: LoadCell, parameters: LineParameters) -> None:
