@@ -212,8 +212,9 @@ class Identifier:
         if better is load:
             return estimate
         if not self._known.calibrated:
-            # The learned weights are scaled to the loads that the untrained estimator found, so an
-            # error of its gain is also theirs. Add the variance of the estimator for this error.
+            # The learned weights are scaled to the loads that the untrained estimator found. So an
+            # error of the gain of this estimator is also an error of the learned weights. Add the
+            # variance of the estimator, because it allows for this error.
             better = replace(better, variance=better.variance + load.variance)
         learned = self._estimate(window, better)
         return estimate if learned.reasons else learned
@@ -277,11 +278,12 @@ class Identifier:
     def _variance(self, window: WeighWindow, load: LoadEstimate, mass: float) -> float:
         """Return the variance of a mass in kg^2.
 
-        If the variance of the load was measured on items, it is only multiplied by the squared
-        gain. Without training, the variances of load and zero are added. After training, the
-        variance of the training passes is used, which includes the variance of their zero. If the
-        zero has a larger variance now than in the training, the difference is added. If the mass is
-        beyond the masses of the training passes, the variance of the extrapolation is added.
+        If the variance of the load was measured on items, it already includes the variance of the
+        zero, and is multiplied by the squared gain. Without training, the variances of load and
+        zero are added. After training, the variance of the training passes is used, which includes
+        the variance of their zero. If the zero has a larger variance now than in the training, the
+        difference is added. If the mass is beyond the masses of the training passes, the variance
+        of the extrapolation is added.
         """
         known, speed = self._known, window.belt_speed
         zero_std_dev = window.zero_std_dev / window.counts_per_kg

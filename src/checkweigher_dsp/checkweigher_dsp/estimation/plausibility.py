@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-r"""Check whether a working analogue-to-digital converter can have produced a signal, by its noise.
+r"""Check by the noise of a signal whether a working analogue-to-digital converter can produce it.
 
 Apart from impacts, platform and product add only smooth components to a signal. Above a quarter of
 the sample rate, the signal contains mainly the white noise of the electronics, which does not
@@ -71,7 +71,8 @@ def is_plausible(window: WeighWindow) -> bool:
     first = min(window.empty_begin, entry)
     counts = window.counts[first:end].astype(np.int64)
     counts -= counts[0]
-    step = int(np.gcd.reduce(counts)) or 1  # The step is above 1 if the lowest bits are always 0.
+    # The smallest step of the readings is above 1 if the lowest bits of the converter are always 0.
+    step = int(np.gcd.reduce(counts)) or 1
     counts //= step
     rapid = np.convolve(counts, _FILTER)[_EDGE:-_EDGE] / _GAIN
     empty, loaded = rapid[: max(entry - first - _EDGE, 0)], rapid[entry - first :]
@@ -97,7 +98,8 @@ def is_plausible(window: WeighWindow) -> bool:
 def _impact(load: float, speed: float, entered: int, leaves: int, count: int) -> Array:
     """Return the largest e that a product causes in each of `count` samples after t1, (count,).
 
-    `load` is in counts and `speed` in m/s. `entered` and `leaves` are t2 and t3 in samples from t1.
+    `load` is in the unit of e, which is the smallest step of the readings, and `speed` is in m/s.
+    `entered` and `leaves` are t2 and t3 in samples from t1.
     """
     largest = np.full(count, _STRIKE * speed * load * _STEP_GAIN)
     # The slope of the load changes at t1, where the load begins to rise, at t2, where it is
@@ -141,7 +143,7 @@ def _stands_still(level: NDArray[np.int64], predicted: float) -> bool:
 
 
 def _is_repeated(counts: NDArray[np.int64], predicted: float) -> bool:
-    """Return whether a sequence of readings occurs twice that is too long to repeat by chance.
+    """Return whether a sequence of readings that is too long to repeat by chance occurs twice.
 
     `predicted` is the probability p.
     """

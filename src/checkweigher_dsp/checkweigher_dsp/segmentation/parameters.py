@@ -20,7 +20,11 @@ _speed = partial(parameter, unit='m/s', minimum=1e-3, maximum=100)
 
 @dataclass(frozen=True)
 class SegmenterParameters(Parameters):
-    """Parameters of the segmenter: windows, zero, item tracking, and checks."""
+    """Parameters of the segmenter: windows, zero, item tracking, and checks.
+
+    Raises `ParameterError` if a value is not allowed, or if ``min_belt_speed`` is not below
+    ``max_belt_speed``.
+    """
 
     node: ClassVar[str] = 'segmenter'
 

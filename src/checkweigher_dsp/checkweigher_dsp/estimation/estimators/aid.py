@@ -20,8 +20,8 @@ divided by their sum, so that the prefiltered u is also 1. The sum is never 0, b
 by Burg's method it is the product of 1 + k over the reflection coefficients k.
 
 With a constant input, the sum of the least-squares residuals is 0. So the mass is the mean of the
-prefiltered window, apart from corrections for the oscillation at both ends. The effect of the
-prefilter on the mass is that of a taper at both ends of the window.
+prefiltered window, apart from corrections for the oscillation at both ends. So the prefilter has
+the same effect on the mass as a taper at both ends of the window.
 """
 
 from collections import defaultdict

@@ -20,9 +20,9 @@ from checkweigher_dsp.signal.averages import hann_mean
 _kilograms = partial(parameter, unit='kg', minimum=0, maximum=1e3)
 
 # Additional standard deviation beyond the trained masses, relative to the standard deviation at the
-# nearest trained mass. Above the heaviest one, it is this number in 1/kg^2 times the mass times the
-# distance, and below the lightest one, this number times the relative distance. The numbers were
-# fitted to errors on random machines (docs/method.md).
+# nearest trained mass. For a mass m above the heaviest trained mass h, it is `_HEAVIER`, in 1/kg^2,
+# times m (m - h). For a mass m below the lightest trained mass l, it is `_LIGHTER` times 1 - m / l.
+# Both numbers were fitted to errors on random machines (docs/method.md).
 _HEAVIER = 18.0
 _LIGHTER = 0.7
 
@@ -148,8 +148,9 @@ class EstimatorParameters(Parameters):
         has a systematic error that the training passes do not show. To first order, this error is
         proportional to the mass and to its distance from the trained masses. The scatter of a
         lighter product is uncertain, because passes of one mass do not show how it depends on the
-        mass. Both are proportional to the standard deviation at the nearest trained mass. The
-        result is 0 between the lightest and the heaviest trained mass.
+        mass. In both cases the result is proportional to the standard deviation at the nearest
+        trained mass. The result is 0 between the lightest and the heaviest trained mass, and for a
+        mass that is not positive.
         """
         lightest, heaviest = self.at('lightest_mass', speed), self.at('heaviest_mass', speed)
         if mass > heaviest:

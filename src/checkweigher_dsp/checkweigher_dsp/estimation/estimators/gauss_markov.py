@@ -56,7 +56,11 @@ _position = partial(parameter, unit='m', minimum=-1, maximum=1)
 
 @dataclass(frozen=True)
 class GaussMarkovParameters(EstimatorParameters):
-    """Parameters of the Gauss-Markov estimator: the model of the machine that `tune` learns."""
+    """Parameters of the Gauss-Markov estimator: the model of the machine that `tune` learns.
+
+    Raises `ParameterError` as `EstimatorParameters` does, and if a reflection coefficient is not
+    between -1 and 1.
+    """
 
     node: ClassVar[str] = 'identifier.gauss_markov'
 

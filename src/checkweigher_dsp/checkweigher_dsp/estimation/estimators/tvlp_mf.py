@@ -64,7 +64,8 @@ def lowpass_matrix(
 ) -> Array:
     """Return the weight of each sample in each output of the filter of TVLPF, (count, count).
 
-    Row n contains the weights in output n. See `lowpass_weights` for the parameters.
+    Row n contains the weights of all samples in the output at sample n. See `lowpass_weights` for
+    the parameters.
     """
     steps = lowpass_steps(count, initial_cutoff, final_cutoff, decay, rate)
     section = np.zeros((count, count))

@@ -24,7 +24,10 @@ _items = partial(parameter, minimum=20, maximum=300)
 
 @dataclass(frozen=True)
 class LearningParameters(Parameters):
-    """Parameters of learning from products of unknown mass, which `identifier.learn` enables."""
+    """Parameters of learning from products of unknown mass, which `identifier.learn` enables.
+
+    Raises `ParameterError` if a value is not allowed, or if ``most`` is below ``fewest``.
+    """
 
     node: ClassVar[str] = 'identifier.learning'
 
@@ -71,7 +74,8 @@ class ItemKind(Settings):
     `has` defines the tolerances. The passes are removed when learning is complete, or when a change
     of the machine is noticed. `recent` contains the residuals, (k,) each, of at most `RECENT` items
     whose loads were comparable with those from which the weights were learned. It is emptied when
-    the number of weights changes, and when a change of the machine is noticed.
+    the number of weights changes, and when a change of the machine is noticed. Raises
+    `SettingsError` if the residuals and the weights differ in length.
     """
 
     speed: float = parameter(text='belt speed', unit='m/s', minimum=0)

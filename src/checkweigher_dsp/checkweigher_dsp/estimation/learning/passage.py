@@ -30,7 +30,9 @@ class PassParts(Settings):
     """Parts of a pass, with the load by the selected estimator.
 
     `parts`, (lead + PARTS,) in kg, are computed by `pass_features`. The first `lead` parts are
-    before t1. The last `quiet` of them contain no ring-down of the previous item.
+    before t1. Of these `lead` parts, the last `quiet` parts contain no ring-down of the previous
+    item. Raises `SettingsError` if there are fewer than `PARTS` parts, or if `quiet` exceeds
+    `lead`.
     """
 
     parts: Array = parameter(text='parts of the pass', unit='kg')
@@ -57,7 +59,10 @@ class PassParts(Settings):
 
 
 def rise_parts_of(window: WeighWindow) -> int:
-    """Return the number of parts of a pass from t1 to t2, or 0 unless t1 < t2 < t3 are known."""
+    """Return the number of parts of a pass from t1 to t2.
+
+    The result is 0 if t1, t2 or t3 is unknown, or unless t1 < t2 < t3.
+    """
     whole = transit(window)
     share = rise_time(window) / whole if whole > 0 else 0.0
     return rise_parts(share) if 0 < share < 1 else 0

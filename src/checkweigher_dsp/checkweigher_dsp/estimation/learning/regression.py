@@ -60,7 +60,8 @@ class Fit(Settings):
     `curve`, `weights` and `noise`, (k,) each, contain a value for each of the last k parts of a
     pass: the signal of a load of 1, the weight of the part in the mass, and the standard deviation
     of the residual in kg. `spectrum`, (k // 2 + 1,), is the median power of the residuals in kg^2
-    at each frequency.
+    at each frequency. Raises `SettingsError` if the lengths of these arrays do not match, or if the
+    weighted sum of `curve` is not 1.
     """
 
     curve: Array = parameter(text='parts of the signal of a load of 1')
