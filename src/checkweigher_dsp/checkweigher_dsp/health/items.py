@@ -139,8 +139,8 @@ class ConvergenceWatch:
         self._items.add(now, [reason for reason in estimate.reasons if reason in _NOT_CONVERGED])
         if estimate.weighed and estimate.mass > 0:
             self._relative.add(now, estimate.std_dev / estimate.mass)
-            # The frequency is uncertain if the platform hardly oscillates. If the estimator does not
-            # identify the platform, the damping ratio is NaN, and the comparison is False.
+            # The frequency is uncertain if the platform hardly oscillates. If the estimator does
+            # not identify the platform, the damping ratio is NaN, and the comparison is False.
             if estimate.damping_ratio < _SWINGS:
                 self._frequency.add(now, estimate.natural_frequency)
                 self._damping.add(now, estimate.damping_ratio)
