@@ -11,8 +11,9 @@ from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.items.eyes import Eyes
 from checkweigher_dsp.items.item import YET_TO_LEAVE, State, TrackedItem
 
-# A transit is an outlier if it is longer or shorter than the usual transit by a larger factor. An
-# item is overdue after its length (a time) plus this factor times its expected transit.
+# Largest factor between a transit and the usual transit. A transit that is longer or shorter by
+# more than this factor is an outlier. An item is overdue if it has been on the belt for this factor
+# times its expected transit, plus the time for which it blocks an eye.
 _OVERDUE = 1.5
 # An outfeed edge is expected if it differs from the expected time by less than this fraction of the
 # expected transit. An edge that is earlier by at least this fraction is too early for the item.

@@ -37,7 +37,7 @@ class Failures:
     ) -> list[B]:
         """Apply `work` to each item and its arguments from `more`, and return the results.
 
-        Raises `ValueError` if an iterable in `more` has not as many elements as `items`.
+        Raises `ValueError` if an iterable in `more` and `items` differ in length.
         """
         results = []
         for item, *others in zip(items, *more, strict=True):
@@ -61,7 +61,8 @@ class Failures:
         """
         try:
             return list(work(items))
-        except Exception:  # Only the items that cause an exception must fail.
+        except Exception:
+            # Process the items one by one, so that only those that cause an exception fail.
             return self.each(lambda item: work([item])[0], fault, items)
 
 

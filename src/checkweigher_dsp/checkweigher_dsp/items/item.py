@@ -33,7 +33,7 @@ class TrackedItem:
     t1: int | None = None  # time at which the item begins to enter
     t2: int | None = None  # time at which the item is fully on the belt
     t3: int | None = None  # time at which the item begins to leave
-    t4: int | None = None  # time at which the item has left
+    t4: int | None = None  # time at which the item has left.
     # Reasons why the item cannot be weighed, in the order of their detection. They are the keys of
     # a dictionary, because a set would not keep the order.
     faults: dict[Reason, None] = field(default_factory=dict)
@@ -42,13 +42,13 @@ class TrackedItem:
     left_before: int | None = None
     others_there: bool = False  # whether another item may have been at the outfeed eye at t1
     usual_transit: int | None = None  # usual transit of earlier items when this item began to leave
-    given_up: int | None = None  # time at which the item was given up
+    given_up: int | None = None  # time at which the item was given up.
     # Whether the transit is an outlier according to `UsualTransit.learn`, or the item began to
     # leave only after it was given up.
     outlier: bool = False
     state: State = State.ON_BELT
-    # Shift of the weigh window behind the edges, because the load lags behind them. None before the
-    # rise of the load is compared with the edges.
+    # Shift of the weigh window behind the edges, because the load lags behind the edges. It is None
+    # before the rise of the load is compared with the edges.
     shift: int | None = None
     shift_std_dev: float = 0.0  # standard deviation of the shift in s
 
