@@ -16,7 +16,7 @@ from checkweigher_dsp.signal.rise_lag import RiseLag
 
 # A value is significant if it differs from 0 by more than this number of standard deviations.
 _SURE = 4.0
-# The lag of an item is replaced by the usual lag if both differ by at most `_LIKELY` standard
+# The lag of an item is replaced by the usual lag if they differ by at most `_LIKELY` standard
 # deviations. If the lag of the item would shift its window, the limit is `_ALIKE` standard
 # deviations.
 _LIKELY = 2.5
@@ -174,7 +174,7 @@ class EdgeCheck:
     def _is_mismatch(self, lag: float, margin: float, rise_time: float) -> bool:
         furthest = _FURTHEST + _FURTHEST_SHARE * rise_time + margin
         limit = self._parameters.rise_lag_tolerance + _SHARE * rise_time + margin
-        # While the reference is NaN, only the second limit applies.
+        # While the reference is NaN, only the limit `furthest` applies.
         return abs(lag - self.reference) > limit or abs(lag) > furthest
 
     def _sure_shift(self, lag: float, std_dev: float) -> float:

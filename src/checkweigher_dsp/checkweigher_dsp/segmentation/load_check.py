@@ -16,7 +16,7 @@ from checkweigher_dsp.signal import Array
 # Largest change as a fraction of the load. The ring-down after the entry causes up to 6 %.
 _SHARE = 0.08
 _VIBRATION = 6.0  # largest change due to vibration, divided by the median change of the empty belt
-_MEMORY = 0.98  # smallest ratio of this median to its value at the previous item
+_MEMORY = 0.98  # smallest ratio of the median change to its value at the previous item
 _FEWEST = 8  # minimum number of samples in a window or segment that is checked
 
 

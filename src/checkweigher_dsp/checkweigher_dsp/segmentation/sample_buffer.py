@@ -73,7 +73,7 @@ class SampleBuffer:
         return self.stamp_at(self.end - 1)
 
     def stamp_at(self, index: int) -> int:
-        """Return the time in ns of the sample with an index, which may be that of a future sample.
+        """Return the time in ns of the sample at `index`, even if the sample is still to come.
 
         The buffer must not be empty.
         """

@@ -203,8 +203,9 @@ class Segmenter:
     def _empty_span(self) -> Span | None:
         """Return the span of samples of the empty belt, or None if the belt is not empty.
 
-        The span contains no ring-down, and no samples whose edges may still arrive. Its end is not
-        after its begin if the belt has not been empty for long enough.
+        The span contains no ring-down, and no samples for which an edge may still arrive. If the
+        belt has not been empty for long enough, the span contains no samples, and its end may be
+        before its beginning.
         """
         buffer, tracker = self._buffer, self._source.tracker
         if buffer.empty or not tracker.is_empty:

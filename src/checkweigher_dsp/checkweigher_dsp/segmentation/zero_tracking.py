@@ -43,7 +43,7 @@ class ZeroLimits:
     """Limits of zero tracking."""
 
     range: float = math.inf  # largest distance from the zero of calibration in counts
-    rate: float = math.inf  # maximum rate of change in counts/s
+    rate: float = math.inf  # maximum rate of change in counts/s.
     # Largest difference in counts between the means of the parts of a stable segment.
     stability: float = math.inf
 
