@@ -9,8 +9,8 @@ frequency and xi the damping ratio of the empty platform, the reading y in kg ob
 
 where m0 is the moving mass, m(t) the load and f(t) the force divided by g. The load increases
 linearly while the product enters. The moving mass is approximated by steps, because while it is
-constant the response to a linear force has a closed form. So the response is computed without
-numerical integration. [own derivation]
+constant the response to a linear force has a closed form (own derivation). So the response is
+computed without numerical integration.
 """
 
 from dataclasses import dataclass

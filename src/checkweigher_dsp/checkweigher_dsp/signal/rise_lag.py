@@ -6,8 +6,8 @@ Between t1 and t2 a product moves onto the belt. A linear system of unity gain, 
 or an amplifier, delays the rise of the load by its group delay at frequency 0. Apart from this
 delay, the system does not change the area under the signal. A clock offset has the same effect. Let
 y be the signal, which is z on the empty belt and z + M under the full load. Let s be the fraction
-of the product on the belt according to the photo-eyes. Then the lag l satisfies this
-equation: [own derivation]
+of the product on the belt according to the photo-eyes. Then the lag l satisfies this equation (own
+derivation):
 
 .. math:: l = \frac{1}{M} \int a(t) \, \big(z + M s(t - l) - y(t)\big) \, dt + l
 
@@ -35,7 +35,7 @@ _TAPER = 0.05  # longest taper of the weight a in s
 _EMPTY = 0.3  # longest duration in s of the empty-belt signal from which z is computed
 _SHORTEST_EMPTY = 0.06  # shortest duration in s of an empty-belt signal that shows the vibration
 _FEWEST = 8  # minimum number of samples for z, and for z + M
-_ROUNDS = 10  # maximum number of iterations for the lag
+_ROUNDS = 10  # maximum number of iterations for the lag.
 # Change of the lag in s below which the iteration ends.
 _CLOSE = 1e-5
 # Fraction of the vibration under the full load that counts as noise. Most of this vibration is
