@@ -327,9 +327,10 @@ def pad(
 
     With the method ``level``, both sides are filled with the Hann-weighted mean of the window. With
     ``mirror``, the window is repeatedly reflected at its ends. With ``signal``, the left side is
-    the last samples of `before`, (..., k), and the right side is the mean. If `before` is too
-    short, its first sample is repeated. If it is None or empty, the left side is the mean. No
-    method uses samples after the window, because they do not exist yet.
+    filled with the last samples of `before`, (..., k), and the right side with the mean. If
+    `before` is too short, its first sample is repeated. If `before` is None or empty, the left side
+    is also filled with the mean. No method uses samples after the window, because they are not yet
+    measured when the window is denoised.
 
     Examples
     --------

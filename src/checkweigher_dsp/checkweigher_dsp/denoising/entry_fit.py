@@ -5,7 +5,7 @@ r"""Correction of the times t1 and t2 at which a product enters, by a fit to the
 Polled photo-eyes measure t1 and t2 with an error of about a millisecond. If the load is removed
 from the signal at a wrong time, a hump as long as the rise of the load remains. A low-pass filter
 cannot distinguish this hump from a load. But the shape of the hump is known, so its size can be
-fitted to the signal: [own derivation]
+fitted to the signal (own derivation):
 
 .. math:: y - M r = m\, r + M \delta_1 \frac{\partial r}{\partial t_1}
    + M \delta_2 \frac{\partial r}{\partial t_2} + n,\quad \delta_i \sim N(0, u^2 / 3)
@@ -83,7 +83,7 @@ class EntryFit:
         return batch.time - t1, batch.rise_time + t2 - t1
 
     def shift(self, taps: Array | None) -> Array:
-        """Estimate delta_1 and delta_2, the errors of t1 and t2, in s, (windows, 2).
+        """Estimate the corrections delta_1 of t1 and delta_2 of t2 in s, (windows, 2).
 
         An estimate is limited to twice the uncertainty. It is 0 if there are too few block means or
         the signal does not determine it. `taps`, (windows, p + 1), are prediction-error filters for

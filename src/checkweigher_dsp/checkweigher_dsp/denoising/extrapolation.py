@@ -25,7 +25,7 @@ def extrapolate(
     """Extrapolate disturbances to both sides.
 
     The models are fitted by Burg's method. They are stable, so the extrapolation does not grow. The
-    same model is used forward and backward in time. [own derivation]
+    same model is used forward and backward in time (own derivation).
 
     Parameters
     ----------
@@ -59,8 +59,8 @@ def extrapolate(
     order = min(order, count // block // _LEAST_RATIO)
     if order < 1:
         return result, np.ones((windows, 1))
-    # Reverse a copy in time for the left side, because blocks are counted from the end of a signal,
-    # so that samples may remain before the first block.
+    # For the left side, use a copy that is reversed in time. Blocks are counted from the end of a
+    # signal, so without the reversal there might be samples between the left end and the blocks.
     means = block_means(np.stack([disturbances, disturbances[:, ::-1]], axis=1), block)
     taps = np.array([burg(signal, order)[0] for signal in means[:, 0]])
     predicted = predict(means, taps, max(before, after) // block + 2)
@@ -109,8 +109,8 @@ def predict(signals: Array, taps: Array, count: int) -> Array:
     while 2 * weights.shape[1] <= min(order, _PREDICTED_AT_ONCE):
         weights = _twice_as_far(weights)
     windows, width, _ = weights.shape
-    # Each row contains the samples of one time, so that the samples of a step are contiguous in
-    # memory.
+    # Each row contains the samples of all m signals at one time, so that the samples of a step are
+    # contiguous in memory.
     result = np.empty((windows, order + -(-count // width) * width, signals.shape[1]))
     result[:, :order] = signals[..., signals.shape[-1] - order :].swapaxes(1, 2)
     for k in range(order, result.shape[1], width):

@@ -40,7 +40,7 @@ def load_response(time: Array, rise_time: Any, natural_frequency: Any, damping_r
     .. math:: r(t) = t - \frac{2 \xi}{\omega} - \frac{1}{\omega_d} e^{-\xi \omega t}
        \sin(\omega_d t - 2 \arcsin \xi),\quad \omega_d = \omega \sqrt{1 - \xi^2}
 
-    and the response to a rise to 1 within the time D is (r(t) - r(t - D)) / D. [own derivation]
+    and the response to a rise to 1 within the time D is (r(t) - r(t - D)) / D (own derivation).
 
     `time`, (..., n), is the time since t1 in s. The rise time D = t2 - t1 in s, the natural
     frequency in Hz and the damping ratio xi, below 1, are floats or (..., 1). The response is 0 up
@@ -75,10 +75,9 @@ def block_responses(
     The rows of the result, (3, ..., n), are the mean of `load_response` in each block, and its
     partial derivatives with respect to t1 and t2 in 1/s. `time`, (..., n + 1), contains the bounds
     of the blocks in s since t1, at equal intervals. See `load_response` for the other parameters.
-    [own derivation]
 
     With the pole :math:`p = -\xi \omega + i \omega_d` and :math:`q = 1 - i \xi \omega / \omega_d`
-    the response r to a load that rises by 1 per second, and its integral, are
+    the response r to a load that rises by 1 per second, and its integral, are (own derivation)
 
     .. math:: r(t) = t - \Re \frac{q}{p} (e^{p t} - 1),\quad
        \int_0^t r = \frac{t^2}{2} + t\, \Re \frac{q}{p} - \Re \frac{q}{p^2} (e^{p t} - 1)

@@ -68,8 +68,8 @@ def band_responses(length: int) -> NDArray[np.complex128]:
     The length is a multiple of ``2**LEVELS``. The read-only result has the shape (LEVELS + 1,
     length // 2 + 1). Its rows belong to the details 1 to `LEVELS` and to the approximation. The
     filters of level j are those of level 1 with :math:`2^{j-1} - 1` zeros between their taps
-    (algorithme a trous). With the Fourier transforms H and G of the filters of an orthogonal
-    wavelet, the responses of the details are
+    (algorithme a trous). With the Fourier transforms H of the low-pass filter and G of the
+    high-pass filter of an orthogonal wavelet, the responses of the details are
 
     .. math:: W_{d_j}(f) = G(2^{j-1} f) \prod_{i<j} H(2^{i-1} f)
 
@@ -94,7 +94,10 @@ def band_responses(length: int) -> NDArray[np.complex128]:
 
 
 def _circular_transform(taps: Sequence[float], length: int) -> NDArray[np.complex128]:
-    """Return the Fourier transform of the taps of a filter, wrapped to `length` samples."""
+    """Return the Fourier transform, (length,), of the taps of a filter.
+
+    If there are more than `length` taps, the taps at the same position modulo `length` are added.
+    """
     wrapped = np.zeros(length)
     np.add.at(wrapped, np.arange(len(taps)) % length, taps)
     return np.fft.fft(wrapped)
@@ -170,7 +173,9 @@ def denoise_periodic(stretch: Array, details: Sequence[Shrinkage | None]) -> Arr
 def threshold_universally(
     stretch: Array, *, hard: bool, measured: slice = slice(None), each_level: bool = False
 ) -> Array:
-    r"""Denoise periodic signals by hard or soft thresholding of all details, for comparison.
+    r"""Denoise periodic signals by hard or soft thresholding of all details.
+
+    This standard method allows for a comparison with the shrinkage by `denoise_periodic`.
 
     The universal threshold is :math:`\lambda = \sigma \sqrt{2 \ln n}` with
     :math:`\sigma = \operatorname{med}(|d|) / 0.6745`, where d are the coefficients of a detail

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Batches of weigh windows of equal shape, which are denoised together.
 
-A single window is a batch of one. All operations work element by element or along the last axis. So
-the result of a window is the same in any batch, to the last bit.
+A single window is processed as a batch of one window. All operations work element by element or
+along the last axis. So the result of a window is the same in any batch, to the last bit.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -78,7 +78,11 @@ def batches_of(windows: Sequence[WeighWindow], min_length: int) -> list[WindowBa
 def _in_parts(
     shapes: Mapping[tuple[int, ...], list[int]], min_length: int
 ) -> Iterator[tuple[tuple[int, ...], list[int]]]:
-    """Yield each shape with the positions of its windows, divided to limit the size of a batch."""
+    """Yield each shape with the positions of its windows.
+
+    A shape with many windows is yielded several times, each time with the positions of some of its
+    windows, so that the size of a batch is limited.
+    """
     for shape, positions in shapes.items():
         _, begin, _, count = shape
         most = max(1, _SAMPLES_AT_ONCE // padded_length(min_length, count - begin))
