@@ -196,11 +196,12 @@ class Identifier:
     def _weigh(self, window: WeighWindow, load: LoadEstimate | MassEstimate) -> MassEstimate:
         """Return the mass of the item in a window, or the reasons for no mass.
 
-        `load` is the result of the estimator, or of `_refuse`. The mass is computed by the learned
-        weights instead of the estimator if they are trusted.
+        `load` is the result of the estimator, or an estimate without a mass if the window was
+        refused or the estimator raised an exception. If the parameter ``learn`` is True and the
+        learned weights are trusted, these weights give the mass instead of the estimator.
         """
         if isinstance(load, MassEstimate):
-            return load  # The window was refused, so this is an estimate without a mass.
+            return load  # This is an estimate without a mass.
         estimate = self._estimate(window, load)
         if not estimate.reasons and not is_plausible(window):
             return self._record(window, (Reason.BAD_SIGNAL.value,), zero=estimate.zero)

@@ -5,8 +5,8 @@ r"""Check by the noise of a signal whether a working analogue-to-digital convert
 Apart from impacts, platform and product add only smooth components to a signal. Above a quarter of
 the sample rate, the signal contains mainly the white noise of the electronics, which does not
 depend on the load. A high-pass filter, scaled to keep the variance of white noise, separates this
-noise. [own derivation] If the converter works, the filtered signal e and the readings, which are
-the counts of the converter, have four properties:
+noise. If the converter works, the filtered signal e and the readings, which are the counts of the
+converter, have four properties (own derivation):
 
 - The variance of e under a load, from t2 to t3, is not below that on the empty belt. The ratio
   of the variances has approximately an F distribution. Because the samples of e are correlated,

@@ -249,10 +249,11 @@ def hann_lowpass(cutoff: float, sample_rate: float) -> Array:
 def _prefiltered(
     samples: Array, settings: AdaptiveSettings, sample_rate: float
 ) -> tuple[Array, Array, AdaptiveIdentification]:
-    """Return the windows after the last prefilter, their means, and the identification before it.
+    """Return the prefiltered windows, the means of the raw windows, and an identification.
 
-    The windows are divided by their means, (windows,). A mean that is 0 or not finite becomes NaN.
-    With one iteration, the identification is the result of `_start`.
+    The prefiltered windows, (windows, m), are divided by the means, (windows,). A mean that is 0 or
+    not finite becomes NaN. The last prefilter was computed from the returned identification. With
+    one iteration, there is no adaptive prefilter, and the identification is the result of `_start`.
     """
     scale = np.mean(samples, axis=-1)
     scale = np.where(np.isfinite(scale) & (scale != 0), scale, np.nan)
@@ -270,7 +271,10 @@ def _prefiltered(
 
 
 def _start(x: Array) -> AdaptiveIdentification:
-    """Return the initial identification, of a platform that follows the load without delay."""
+    """Return the initial identification, which assumes that the platform follows without delay.
+
+    The load is the Hann-weighted mean of each window.
+    """
     mass = hann_mean(x)
     none = 0 * mass
     # Use the variance of the window, because this result is only a fallback.

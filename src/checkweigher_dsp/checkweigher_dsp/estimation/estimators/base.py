@@ -116,7 +116,10 @@ class EstimatorParameters(Parameters):
                 )
 
     def fits(self, name: str, count: int) -> bool:
-        """Return whether the list `name` may have `count` values, by default one for each speed."""
+        """Return whether the list `name` may have `count` values.
+
+        By default, a list must have one value for each of ``speeds``.
+        """
         return count == len(self.speeds)
 
     def at(self, name: str, speed: float) -> float:
@@ -134,9 +137,9 @@ class EstimatorParameters(Parameters):
         return replace(self, **{**common, 'speeds': (speed,), **lists})
 
     def row_at(self, name: str, speed: float) -> Array:
-        """Return the values at a belt speed in m/s of the list `name`.
+        """Return the values of the list `name` at a belt speed in m/s, (k,).
 
-        The list has the same number of values for each of ``speeds``, one speed after the other.
+        The list has k values for each of ``speeds``, one speed after the other.
         """
         table = np.reshape(getattr(self, name), (len(self.speeds), -1))
         return np.array([np.interp(speed, self.speeds, column) for column in table.T])
@@ -230,8 +233,8 @@ class Estimator(ABC):
         """Learn lists of parameters from passes at one belt speed, and return them by name.
 
         `known` are the previous parameters, and `masses`, (windows,), the true masses in kg.
-        `values` is a point of the search along `axes`. By default, each of these values is returned
-        as a list of one value.
+        `values` contains a value for each of `axes` by the name of the axis, which the command
+        `tune` tries. By default, each of these values is returned as a list of one value.
         """
         return {name: (value,) for name, value in values.items()}
 
@@ -258,8 +261,8 @@ def rough_variance(samples: Array) -> float:
     """Estimate the variance of an average in kg^2 without training.
 
     The estimate uses the difference between the averages of the two halves of the samples, (n,) in
-    kg. The scatter of the samples is added, because the halves may agree by chance. The result is
-    NaN for a single sample.
+    kg. The variance of the samples divided by their number is added, because the halves may agree
+    by chance. The result is NaN for a single sample.
     """
     half = len(samples) // 2
     difference = hann_mean(samples[:half]) - hann_mean(samples[-half:])

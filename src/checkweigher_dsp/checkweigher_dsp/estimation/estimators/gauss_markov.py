@@ -10,9 +10,9 @@ s is the response of the platform to the entering load at the belt speed v, divi
 is an error of the zero, and n is noise with the covariance C. o_i are free oscillations of the
 platform with unknown amplitudes c_i, caused by the previous product and by the impact at entry. If
 C is known, the estimate by generalised least squares has the smallest variance of all unbiased
-linear estimates of the mass. The signal before t1, where s is 0, is also used, because it shows z,
-the oscillations and, by C, the vibration that continues in the window. [own derivation,
-docs/method.md]
+linear estimates of the mass. The signal before t1, where s is 0, is also used, because it shows z
+and the oscillations. As C relates the noise before t1 to the noise after t1, it also shows a part
+of the vibration that continues in the window (own derivation, see docs/method.md).
 
 The parameters of the platform are learned from passes of known mass. C is learned as an
 autoregression of the empty belt and of the residuals of these passes.
@@ -147,9 +147,10 @@ class PassSignal:
 def pass_signal(window: WeighWindow, parameters: GaussMarkovParameters) -> PassSignal:
     """Return the used part of the signal of a window.
 
-    It begins after the previous item has left, and at most ``lead_time`` before t1, or before the
-    beginning of the rise of the load if this is earlier. It ends with the last sample, which may be
-    after t3. The times of the load follow from t1, t2, t3, ``entry_begin`` and ``entry_end``.
+    The used part begins after the previous item has left, and at most ``lead_time`` before t1. If
+    the load begins to rise before t1, the ``lead_time`` is counted from this earlier time. The used
+    part ends with the last sample, which may be after t3. The times of the load follow from t1, t2,
+    t3, ``entry_begin`` and ``entry_end``.
     """
     begin_at = parameters.entry_begin / window.belt_speed
     end_at = parameters.entry_end / window.belt_speed + rise_time(window)
@@ -185,11 +186,12 @@ class GaussMarkov(Estimator):
         self._whitener = lru_cache(maxsize=32)(self._whitener_at)
 
     def estimate(self, window: WeighWindow) -> LoadEstimate:
-        """Return the load in a window by the learned model, or else by `estimate_untrained`.
+        """Return the load in a window by the learned model.
 
-        With a learned model, the variance includes that of the zero. The load is NaN if the sample
-        rate is not that of the model, the signal begins after the rise of the load, or the residual
-        is larger than ``max_misfit`` allows.
+        Without a learned model, the result is that of `estimate_untrained`. With a learned model,
+        the variance includes that of the zero. The load is NaN if the sample rate is not that of
+        the model, the signal begins after the rise of the load, or the residual is larger than
+        ``max_misfit`` allows.
         """
         known = self.parameters
         if not known.sample_rate:

@@ -8,8 +8,8 @@ The features y_j are the means of the signal in parts of the pass. The times bef
 t2 and from t2 to t3 are each divided into equal parts. So a feature belongs to the same place of
 the product on the belt at any speed and length. s is the mean curve of the training passes for a
 load of 1. C is the covariance of the residuals of these passes, combined with that of other speeds
-and of the empty belt. The weights are the Gauss-Markov weights for this covariance. [own
-derivation, docs/method.md]
+and of the empty belt. The weights are the Gauss-Markov weights for this covariance (own derivation,
+see docs/method.md).
 """
 
 from dataclasses import dataclass
@@ -33,8 +33,9 @@ from checkweigher_dsp.estimation.estimators.base import (
 from checkweigher_dsp.signal import Array
 from checkweigher_dsp.signal.averages import hann_mean
 
-# A deviation of t2 below this fraction of t3 - t1 is attributed to jitter of an eye, and t2 is then
-# computed from t1 and t3. A larger deviation indicates a different length of the product.
+# The expected time t2 is computed from t1, t3 and the numbers of parts. If the measured t2 deviates
+# from it by at most this fraction of t3 - t1, the deviation is attributed to jitter of an eye, and
+# the expected t2 is used. A larger deviation indicates a different length of the product.
 _SAME_RISE = 0.02
 PARTS = 64  # number of parts from t1 to t3, which resolve 50 Hz on a slow belt
 
@@ -118,7 +119,8 @@ class Learned(Estimator):
 
         The weights are interpolated between the training speeds. If the item follows too closely
         behind the previous one, only the parts from t2 to t3 are used, with ``weights_alone``.
-        Without training, the load is the Hann-weighted mean. The variance is `rough_variance`.
+        Without training, the load is the Hann-weighted mean. The variance is the result of
+        `rough_variance`.
         """
         known, samples = self.parameters, raw_samples(window)
         if not known.parts:

@@ -3,7 +3,7 @@
 """Estimates of the load, and of their uncertainty, for a machine whose estimator is not trained.
 
 `window_level` assumes only a constant load in the window. The other functions compare the rise of
-the load with an even rise on the default platform. [own derivation, docs/method.md]
+the load with an even rise on the default platform (own derivation, see docs/method.md).
 """
 
 from dataclasses import replace

@@ -116,7 +116,10 @@ class LearnedKinds(Settings):
 
     @classmethod
     def prepared(cls, content: Any) -> Any:
-        """Return the content of a file without `version`, the format number of older files."""
+        """Return the content of a file without the entry `version`, which older files have.
+
+        A content that is not a mapping is returned unchanged.
+        """
         if not isinstance(content, dict):
             return content
         return {key: value for key, value in content.items() if key != 'version'}

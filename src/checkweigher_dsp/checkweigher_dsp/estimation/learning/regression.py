@@ -11,7 +11,8 @@ a load of 1. Differences between the masses in a cluster add a multiple of s s' 
 change the weights. With few items, R'R / d is an inaccurate estimate of the covariance. So C also
 contains the covariances N of the empty belt, I of white noise, and P of the ringing of a platform.
 The weights are computed for a grid of a, b and c. The result is the average of these weights, each
-weighted by the likelihood of the held-out masses. [own derivation, docs/method.md]
+weighted by the likelihood of the held-out masses (own derivation, see docs/method.md). The mass of
+an item is held out if it is computed with the weights that are learned from the other items.
 """
 
 from collections.abc import Sequence
@@ -175,8 +176,8 @@ class _Items:
     """Items in clusters of about the same mass.
 
     `parts`, (n, k), are the parts of the passes, and `loads`, (n,), the loads by the estimator,
-    both in kg. `clusters`, (n,), are the numbers of the clusters, and `freedom` is the number of
-    degrees of freedom. `noise` and `ringing`, (k, k), are N and P.
+    both in kg. `clusters`, (n,), contains the number of the cluster of each item, and `freedom` is
+    the number of degrees of freedom. `noise` and `ringing`, (k, k), are N and P.
     """
 
     def __init__(
