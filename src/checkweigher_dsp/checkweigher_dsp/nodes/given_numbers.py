@@ -71,7 +71,8 @@ class GivenNumbers:
         # Ignore lines that are incomplete or were never written, which are not decimal numbers.
         found = {int(text): n for n, text in enumerate(places) if text.strip().isdecimal()}
         self.numbers = frozenset(found)
-        # Overwrite the smallest number, because the last one written need not be the largest.
+        # If there is no blank line, overwrite the smallest number. Its line need not follow that of
+        # the largest number, because numbers are not always written in ascending order.
         free = [place for place, text in enumerate(places) if not text.strip()]
         oldest = found[min(found)] if found else 0
         self._next = free[0] if free else oldest

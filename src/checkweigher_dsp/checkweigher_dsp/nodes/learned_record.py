@@ -29,7 +29,7 @@ class LearnedRecord:
         try:
             if wanted != NONE:
                 self._path = Path(wanted) if wanted else state_file(f'{node.strip("/")}.learned')
-        except RuntimeError as error:  # The user has no home folder.
+        except RuntimeError as error:  # `state_file` raises this if the user has no home folder.
             self._fail(error)
 
     def read(self) -> LearnedKinds | None:

@@ -44,7 +44,8 @@ class StrangerWatch:
         """
         topics: dict[str, list[str]] = {}
         for topic, maker in self._makers.items():
-            if self._node.count_publishers(topic) < 2:  # Counting is faster than reading the names.
+            # Read the names only if there are several publishers, because counting is faster.
+            if self._node.count_publishers(topic) < 2:
                 continue
             listed = self._node.get_publishers_info_by_topic(topic)
             names = [full_name(each) for each in listed if each.node_name != _UNNAMED]
