@@ -80,12 +80,12 @@ class Deadlines:
         pending.due = pending.late_from - self._head_start(t3, reject_at)
 
     def of_edge(self, edge: OutfeedEdge, speed: float) -> tuple[int, int | None]:
-        """Return the deadline and the reject time of an item whose outfeed edge is unannounced.
+        """Return the deadline and the reject time of an item that left without an announcement.
 
-        `speed` is the belt speed of the item in m/s. If it is NaN, the speed of the last announced
-        item is used. The reject time is None if no plausible speed is known or nothing has been
-        announced yet. After a start of the stage, the deadline is later, so that latched
-        announcements can arrive before it.
+        `edge` is the outfeed edge of the item, and `speed` is its belt speed in m/s. If `speed` is
+        NaN, the speed of the last announced item is used. The reject time is None if no plausible
+        speed is known or nothing has been announced yet. After a start of the stage, the deadline
+        is later, so that latched announcements can arrive before it.
         """
         if self._heard is None:
             return edge.came + PATIENCE_UNHEARD, None

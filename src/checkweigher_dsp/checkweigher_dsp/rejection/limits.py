@@ -110,7 +110,10 @@ def _outside(value: float, low: float, high: float) -> bool:
 
 
 def decide(mass: float, lower_limit: float, upper_limit: float) -> Decision:
-    """Return the decision on a mass by the limits, in kg. A mass equal to a limit is accepted."""
+    """Return the decision on a mass by the limits. A mass equal to a limit is accepted.
+
+    The mass and the limits are in kg. The mass must not be NaN.
+    """
     if mass < lower_limit:
         return Decision.UNDER
     return Decision.OVER if mass > upper_limit else Decision.ACCEPT

@@ -24,7 +24,7 @@ from checkweigher_dsp.rejection.parameters import RejectParameters
 
 _REASONS = {reason.value: reason for reason in StopReason}
 
-_FAILED_IN_A_ROW = 2  # number of successive items with a failed stage after which the line stops
+_FAILED_IN_A_ROW = 2  # number of successive items with a failed stage after which the line stops.
 # Shortest time in s in which a drift changes the zero by the largest permitted step.
 _DRIFT_TIME = 600.0
 
@@ -53,7 +53,7 @@ class RejectMonitor:
         self.trouble = ''  # text about a problem of the driver, or empty
         self.conditions = MachineConditions(0, True)
         self.test: PerformanceTest | None = None  # latest state of the performance test, or None
-        self.strangers = ''  # text about foreign nodes that publish topics of the line, or empty
+        self.strangers = ''  # text about foreign nodes that publish topics of the line, or empty.
         # Text about an excessive step of the zero, or empty if there was none since the zero was
         # last set on request.
         self.zero_step = ''

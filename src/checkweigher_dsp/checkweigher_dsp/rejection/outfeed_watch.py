@@ -17,7 +17,7 @@ _MOST = 1_000  # maximum number of stored edges and items
 class OutfeedEdge:
     """Edge at which an item began to leave."""
 
-    stamp: int  # time stamp in ns
+    stamp: int  # time stamp of the edge in ns.
     # Time in ns on the clock of arrivals at which the edge would have arrived without a delay.
     came: int
     after: int  # largest known item number when the edge arrived

@@ -22,7 +22,12 @@ _speed = partial(parameter, unit='m/s', minimum=0)
 
 @dataclass(frozen=True)
 class RejectParameters(Parameters):
-    """Parameters of the reject stage: limits without a product, rejector, devices, stations."""
+    """Parameters of the reject stage: limits without a product, rejector, devices, stations.
+
+    Raises `ParameterError` if a value is not allowed, if lists that belong together differ in
+    length, if a device is named twice, if there are too many stations or one is not valid, if a
+    lower limit is above its upper limit, or if ``mean_value`` is True without a nominal weight.
+    """
 
     node: ClassVar[str] = 'reject'
 
@@ -165,7 +170,8 @@ class RejectParameters(Parameters):
             raise ParameterError(
                 f'reject.stations: {len(takes)} stations, but at most {MAX_STATIONS} are possible'
             )
-        _ = self.all_stations  # raises an exception if a station is not valid
+        # Compute the stations now, because this raises an exception if a description is not valid.
+        _ = self.all_stations
         self._check_limits()
 
     def _check_limits(self) -> None:
@@ -214,7 +220,10 @@ class RejectParameters(Parameters):
 
     @cached_property
     def all_stations(self) -> tuple[Station, ...]:
-        """Stations, in the order of the parameter `stations`."""
+        """Stations, in the order of the parameter `stations`.
+
+        Raises `ParameterError` if the description of a station is not valid.
+        """
         places = zip(self._takes, self.station_distances, self.station_delays, strict=True)
         return tuple(
             station_of(text, distance, delay, f'reject.stations[{number}]')

@@ -30,7 +30,7 @@ class PermissionRule:
         self.deadlines = deadlines
         self._fresh_time = round(NANOSECONDS * fresh_time)
         self._progress = (0, 0)  # stream and number of processed samples.
-        # Times of the latest signs of life in ns.
+        # Times in ns of the latest signs of life by stage, or None before the first one.
         self._signs: dict[str, int | None] = dict.fromkeys((*stages, _SAMPLES))
         self._missing: tuple[str, ...] = ()
         self._given = False
