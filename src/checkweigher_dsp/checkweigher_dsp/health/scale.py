@@ -155,7 +155,7 @@ class ZeroWatch:
 
 
 class BeltNoiseWatch:
-    """Statistics of the noise of the empty belt and its strongest frequency.
+    """Statistics of the noise of the empty belt, with the strongest frequency of the noise.
 
     `limit` is the largest standard deviation in kg. With 0, the noise is only compared with the
     usual noise.
