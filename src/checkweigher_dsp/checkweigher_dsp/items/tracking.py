@@ -84,7 +84,10 @@ class ItemTracker:
         return settled
 
     def expire(self, stamp: int) -> list[TrackedItem]:
-        """Give up and return the items that must have left by `stamp` in ns."""
+        """Give up the items that entered more than `max_transit` before `stamp`, in ns.
+
+        Returns the items that are given up.
+        """
         first = self.belt.cleared_first
         if first is not None and stamp - first > self.belt.transit.max_transit:
             settle_first(self.belt)
