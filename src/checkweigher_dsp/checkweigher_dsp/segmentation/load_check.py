@@ -33,8 +33,9 @@ class LoadCheck:
     """
 
     def __init__(self) -> None:
-        self._shaking = 0.0  # median change of the empty belt in counts
-        self._is_of_window = False  # whether the segments of this median had the length of a window
+        self._shaking = 0.0  # median change of the empty belt in counts.
+        # Whether the segments from which this median was computed had the length of a window.
+        self._is_of_window = False
 
     def is_steady(self, window: NDArray[np.int32], empty: NDArray[np.int32], zero: float) -> bool:
         """Return whether a window contains the load of only one item.
@@ -59,7 +60,9 @@ class LoadCheck:
         if size < _FEWEST or (self._is_of_window and not whole):
             return
         counts = empty.astype(np.float64)
-        if not whole:  # Remove the linear fall of the load while an unseen item leaves.
+        if not whole:
+            # Subtract a linear trend, because the load falls linearly while an unseen item leaves,
+            # and this fall is no vibration.
             time, power = _time(size)
             counts -= time * (time @ counts) / power
         changes = _changes(counts, size)

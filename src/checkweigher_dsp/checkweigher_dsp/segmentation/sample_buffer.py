@@ -108,7 +108,10 @@ class SampleBuffer:
         return later or ((beginning or goes_on) and behind > _UNDER_WAY * self.sample_rate)
 
     def append(self, block: SampleBlock) -> None:
-        """Add a block. Samples that are missing before the block are marked as lost."""
+        """Add a block. Samples that are missing before the block are marked as lost.
+
+        Samples of the block that are not newer than the newest sample in the buffer are ignored.
+        """
         if self.empty and len(block.counts):
             self.start = self.end = self._first = block.first_index
             self.origin = block.stamp

@@ -139,7 +139,7 @@ class Segmenter:
         return self.give_up(Reason.STREAM_ENDED)
 
     def give_up(self, reason: Reason) -> list[WeighWindow]:
-        """Return the remaining windows.
+        """Give up the items on the belt, and return the remaining windows.
 
         The window of an item that is still on the belt, or whose samples have not arrived, is a
         fault with the given reason.

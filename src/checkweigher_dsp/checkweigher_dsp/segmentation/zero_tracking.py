@@ -274,7 +274,8 @@ class ZeroTracker:
         """Set the zero by a segment of the empty belt that ends at `time` in s.
 
         Returns the reading in counts, which becomes the zero if it is within the range. If the
-        segment is not stable, the zero is not changed and None is returned.
+        segment is not stable or has fewer than two samples, the zero is not changed and None is
+        returned.
         """
         readings = counts.astype(np.float64)
         if len(readings) < 2 or not self._is_at_rest(readings):
