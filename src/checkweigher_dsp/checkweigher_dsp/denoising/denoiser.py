@@ -169,8 +169,8 @@ class DenoiseParameters(Parameters):
         """Return the natural frequency in Hz and the damping ratio of the empty platform.
 
         `speed`, (windows, 1), contains belt speeds in m/s. A parameter with one value per speed is
-        interpolated linearly between the speeds, and the result has the shape of `speed`. A
-        parameter with a single value is returned as a float.
+        interpolated linearly between the speeds and constant beyond them, and the result has the
+        shape of `speed`. A parameter with a single value is returned as a float.
         """
         return tuple(
             np.interp(speed, self.speeds, values) if len(values) > 1 else values[0]
