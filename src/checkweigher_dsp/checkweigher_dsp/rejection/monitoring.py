@@ -75,7 +75,11 @@ class RejectMonitor:
         return min(times) + 1 if times else None
 
     def add_verdict(self, verdict: Verdict) -> None:
-        """Add a verdict. Requests a stop after too many successive rejects or failures."""
+        """Add a verdict. Requests a stop after too many successive rejects or failures.
+
+        A reject during a performance test is not counted. Unless ``confirmation_time`` is 0, the
+        item is expected at the eye behind the rejector.
+        """
         rejected = verdict.decision is not Decision.ACCEPT
         if Reason.PERFORMANCE_TEST not in verdict.reasons:
             self._in_a_row = _counted_on(self._in_a_row, rejected)

@@ -36,7 +36,10 @@ class PermissionRule:
         self._given = False
 
     def add_progress(self, status: StreamStatus, now: int) -> None:
-        """Add a status of the segmenter that arrived at `now`."""
+        """Add a status of the segmenter that arrived at `now`.
+
+        The status is a sign of life if its number of processed samples is new and not 0.
+        """
         if status.samples and (status.stream, status.samples) != self._progress:
             self._progress = status.stream, status.samples
             self.add_sign(_SAMPLES, now)
