@@ -94,7 +94,7 @@ class IswdEksiPaper(Estimator):
 
 
 def denoise(samples: Array, speed: float, unit: float) -> Array:
-    """Return samples (n,) in kg after improved stationary wavelet denoising (section 2).
+    """Denoise samples, (n,) in kg, by improved stationary wavelet denoising (section 2).
 
     Details 1 to 4 are set to 0. Details 5 to 7 are shrunk by the gains and thresholds of Table 1 at
     the belt speed in m/s: ``d' = sgn(d) gamma (|d| - lambda)`` if ``|d| >= lambda``, otherwise 0.
@@ -119,7 +119,9 @@ def denoise(samples: Array, speed: float, unit: float) -> Array:
 
 
 def identify(signal: Array, measurement: float, process: float) -> Any:
-    """Return a Kalman filter of filterpy that has processed a signal (n,) (section 3).
+    """Identify the platform from a signal, (n,), by an extended Kalman filter (section 3).
+
+    Returns the filter of filterpy, which contains the state after the last sample.
 
     The state is X = [x(k), x(k-1), a1, a2, b1], and u is 1 for all samples, which are between t2
     and t3. `measurement` is R, and `process` is the variance of x in Q. The other elements of Q are
