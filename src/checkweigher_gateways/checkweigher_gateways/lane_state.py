@@ -76,11 +76,12 @@ class LaneState:
     def deviation(self, verdict: Verdict) -> float:
         """Return the mass of an item minus the nominal mass in kg, NaN if either is unknown.
 
-        The nominal mass is that of the product that is on the line at present.
+        The nominal mass is known if the product of the item is still on the line.
         """
         product = self.product
-        known = product is not None and product.nominal > 0
-        return verdict.mass - product.nominal if known and product is not None else math.nan
+        if product is None or product.product != verdict.product or not product.nominal > 0:
+            return math.nan
+        return verdict.mass - product.nominal
 
     def _take(self, record: Any) -> None:
         match record:

@@ -274,11 +274,11 @@ class MqttGateway(Gateway):
     def _hear_command(self, message: MQTTMessage) -> None:
         *_, device, last = message.topic.split('/')
         if last == 'command':
-            given = json.loads(message.payload)
+            given = dict(json.loads(message.payload))
             values = {f'Command/{str(name).capitalize()}': each for name, each in given.items()}
         else:
             device, values = last, decode(message.payload)
-        lane = next(name for name in self._states.lanes if element(name) == device)
+        lane = {element(name): name for name in self._states.lanes}[device]
         actions = {
             'Command/Product': ('select product', select_product),
             'Command/Batch': ('begin batch', new_batch),
