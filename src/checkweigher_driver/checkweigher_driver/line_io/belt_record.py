@@ -99,7 +99,7 @@ class BeltRecord:
             raise ParameterError(
                 f'{_NAME}: {str(path)!r}: {why}; must be a file that is kept over a restart'
             ) from None
-        self._kept = OnBelt()
+        self._kept: OnBelt | None = OnBelt()  # None after a failed write
         self._writer = ThreadPoolExecutor(1, 'belt record')
         self._writing = self._writer.submit(lambda: None)  # future of the last write
 
@@ -142,15 +142,17 @@ class BeltRecord:
 
         In other cases the method does not wait for the thread that writes the state. If the state
         cannot be written, OSError is raised, at once if the belt starts, otherwise by a later call
-        in which `belt.released` is true. The belt must then not run.
+        in which `belt.released` is true. The belt must then not run. The next call writes again.
         """
-        if belt.released and self._writing.done():
-            self._writing.result()
+        if belt.released and self._writing.done() and (error := self._writing.exception()):
+            self._kept, self._writing = None, self._writer.submit(lambda: None)
+            raise error
         if belt == self._kept:
             return
-        released, self._kept = self._kept.released, belt
+        starts = belt.released and (self._kept is None or not self._kept.released)
+        self._kept = belt
         self._writing = self._writer.submit(self._write, belt)
-        if belt.released and not released:
+        if starts:
             self._writing.result()
             os.fsync(self._file)
 

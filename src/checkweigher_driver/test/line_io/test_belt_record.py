@@ -112,6 +112,23 @@ def test_a_first_start_that_is_refused_leaves_nothing(tmp_path, monkeypatch):
     assert found(path) == OnBelt()
 
 
+def test_a_record_is_written_again_after_the_disk_was_full(tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    record = BeltRecord(tmp_path / 'belt')
+    with monkeypatch.context() as context:
+        context.setattr(os, 'pwrite', full)
+        for _ in range(3):
+            with pytest.raises(OSError, match='No space left'):
+                record.keep(RUNNING)
+    with pytest.raises(OSError, match='No space left'):
+        record.keep(RUNNING)  # tells of the failed write
+    record.keep(RUNNING)
+    assert OnBelt.of_line((tmp_path / 'belt').read_bytes()) == RUNNING
+    record.close(OnBelt())
+
+
 # Of a line that was killed, and of one that ended in order, each with a product on its belt.
 WITH_A_PRODUCT = (
     OnBelt(True, ('item 7 UNDER (entered 22:13:20.5)',), ()),
