@@ -3,6 +3,7 @@
 """Monitoring of the rejector, and requests to stop the line."""
 
 from dataclasses import dataclass
+from itertools import zip_longest
 import math
 
 from checkweigher_core.records import (
@@ -138,7 +139,8 @@ class RejectMonitor:
             self.stop(StopReason.DRIVER_TROUBLE, text=self.trouble)
         if not self.conditions.known:
             self.stop(StopReason.DRIVER_TROUBLE, text='the machine inputs are unknown')
-        for word, name in zip(self.conditions.conditions, self.conditions.inputs, strict=False):
+        words, inputs = self.conditions.conditions, self.conditions.inputs
+        for word, name in zip_longest(words, inputs, fillvalue='?'):
             self.stop(_REASONS.get(word, StopReason.UNKNOWN), text=f'input {name}')
         if self.test is not None and _forbids(self.test, now):
             self.stop(StopReason.PERFORMANCE_TEST, text=self.test.text)
