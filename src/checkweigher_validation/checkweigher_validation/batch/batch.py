@@ -219,7 +219,7 @@ def read_record(path: Path) -> Batch:
         path.name,
         tuple(Part(products[name], tuple(each)) for name, each in items.items()),
         sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
-        begin=str(begin['time']),
+        begin=str(begin.get('time', '')),
         end=str(end.get('time', '')),
         stops=tuple(lines['stop']),
         corrections=tuple(lines['filler']),

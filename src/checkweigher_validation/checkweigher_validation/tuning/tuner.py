@@ -194,7 +194,7 @@ def _jobs(
         **{(task, None): partial(_tune_speed, task, budget) for task in tasks},
         **{
             (task, fold): partial(_check_fold, task, budget, fold)
-            for fold in range(max(len(_folds(task)) for task in tasks))
+            for fold in range(max((len(_folds(task)) for task in tasks), default=0))
             for task in tasks
             if fold in _folds(task)
         },

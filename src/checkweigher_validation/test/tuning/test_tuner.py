@@ -59,6 +59,11 @@ class TestRefusals:
         with pytest.raises(TuningError, match=why):
             tune([slow, upside_down], [name], BASE, budget=2, n_jobs=n_jobs)
 
+    def test_signals_that_no_wanted_estimator_can_use(self, fast):
+        silent = changed(fast, counts=0 * fast.passes[0].window.counts)
+        with pytest.raises(TuningError, match='contain no noise'):
+            tune([silent], ['gauss_markov'], BASE, n_jobs=1)
+
     @pytest.mark.parametrize('name', ['hann', 'tvlpf', 'aid', 'iswd_eksi', 'fir_model'])
     def test_a_few_passes_will_do(self, fast, name):
         few = SpeedGroup(fast.speed, fast.passes[:FEWEST_PASSES])
