@@ -102,9 +102,12 @@ def _record_at(
 def belt_speed(passes: Iterable[KnownPass]) -> float:
     """Return the median belt speed in m/min of the passes whose speed is known.
 
-    Raises `StatisticsError` if the speed of no pass is known.
+    Raises `UserError` if the speed of no pass is known.
     """
-    return _MINUTE * median(filter(math.isfinite, (each.window.belt_speed for each in passes)))
+    known = [speed for each in passes if math.isfinite(speed := each.window.belt_speed)]
+    if not known:
+        raise UserError('the belt speed of no pass is known: check that both photo-eyes switch')
+    return _MINUTE * median(known)
 
 
 def other_speed(found: float, wanted: float) -> str:

@@ -105,7 +105,9 @@ def _is_recorded(node: Node, mass: float, passes: int, speed: float) -> bool:
     ask(f'Set the belt to {speed:g} m/min and run the line', 'all passes were recorded')
     goal = {'mass': mass, 'passes': passes}
     made = perform(node, RecordPasses, ports.RECORD_PASSES, lambda each: tell(each.text), **goal)
-    print(f'{made.bag}: {made.message}')
+    print(f'{made.bag}: {made.message}' if made.bag else made.message)
+    if not made.bag:  # the recording was ended before the first pass
+        return False
     bag = Path(made.bag)
     if not bag.exists():
         print(f'{bag}: is on another computer, so the speed of its passes is not checked')

@@ -27,7 +27,7 @@ _INTERVALS = 60
 _SHORTEST = 10 * NANOSECONDS
 # `_RARELY` is the time in s after which the figure of a running lane with `MAX_ITEMS` items is
 # drawn again.
-_MANY, _RARELY = 1000, 10
+_RARELY = 10
 # Width in ns of a bin. The accepted items in a bin share one tick.
 _TICK = NANOSECONDS // 2
 # Heights of the charts in px, from top to bottom.

@@ -36,11 +36,14 @@ Find = Callable[[], Signable]
 async def sign_records(desk: Desk, services: LaneServices) -> None:
     """Open a dialog for the record to sign, the meaning of the signature, and the password.
 
-    Raises `ActionRefusedError` if the lane has no audit log or no folder for batch records, and
-    `AuditError` if the audit log cannot be read.
+    Raises `ActionRefusedError` if the lane has no audit log or no folder for batch records, or if
+    the audit log cannot be read.
     """
     log, folder = await actions.audit_log(services), await actions.batch_folder(services)
-    known = await asyncio.to_thread(_choices, log, folder)
+    try:
+        known = await asyncio.to_thread(_choices, log, folder)
+    except (OSError, ValueError) as error:
+        raise ActionRefusedError(str(error)) from None
 
     def choice() -> ui.select:
         return ui.select(list(known), label=desk.say('What')).props('outlined dense')

@@ -79,6 +79,8 @@ def _found(arguments: argparse.Namespace) -> tuple[Path, Callable[[], 'Signable'
 
     what: Path = arguments.what
     is_log = arguments.entry is not None
+    if is_log and arguments.log:
+        raise UserError('--entry: signs an entry of the audit log WHAT, so leave out --log')
     log = arguments.log or (what if is_log else what.resolve().parents[1] / LOG_FILE)
     if not is_log and what.suffix == SUFFIX:
         return log, partial(signable_batch, what, arguments.log)

@@ -81,6 +81,7 @@ def sign_entries(folder: Path) -> None:
         ((machine / 'audit.log', *change), 'ben', 'review', 0, 'review of recipe tins: - -> 2 v'),
         ((machine / 'audit.log', *change), 'anna', 'release', 0, 'release of recipe tins'),
         ((machine / 'audit.log', '--entry', 1), 'ben', 'review', 1, 'neither a change of limits'),
+        ((machine, *change, '--log', machine), 'ben', 'review', 2, 'so leave out --log'),
     ):
         done = sign(what, who, meaning, users, PASSWORDS[who])
         assert (done.returncode, said in done.stdout + done.stderr) == (status, True), done.stderr
