@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 import subprocess
 import sys
+from zlib import crc32
 
 from hypothesis import HealthCheck, settings
 import pytest
@@ -21,6 +22,15 @@ settings.register_profile('soak', derandomize=False, print_blob=True, **_COMMON)
 def pytest_configure(config: pytest.Config) -> None:
     """Choose the examples of hypothesis."""
     settings.load_profile('soak' if config.getoption('markexpr') == 'soak' else 'test')
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mix the modules, in an order that is always the same.
+
+    In the order of the folders, all tests in browsers would run at the end, several at once, and
+    each keeps a core busy.
+    """
+    items.sort(key=lambda item: crc32(item.nodeid.partition('::')[0].encode()))
 
 
 @pytest.fixture(autouse=True)
