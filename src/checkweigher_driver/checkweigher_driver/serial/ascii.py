@@ -83,7 +83,8 @@ class LineDecoder(Decoder):
     pattern is invalid.
 
     Lines end with CR, LF or both. A line that does not match, or whose count is not a 32-bit
-    integer, counts as one lost reading, or as several if it is longer than the last valid line.
+    integer, counts as one lost reading, or as several if it is more than two bytes longer than the
+    last valid line.
     Lost readings are counted only after the first reading. Bytes before the first line end are
     skipped.
     """
@@ -144,7 +145,7 @@ class LineDecoder(Decoder):
             self._lost += max(1, math.ceil(len(line) / (self.frame_bytes or len(line))))
 
     def _count(self, line: bytes) -> int | None:
-        found = self._pattern.fullmatch(line)
+        found = self._pattern.fullmatch(line) if len(line) <= _LONGEST_LINE else None
         if found is None:
             return None
         try:

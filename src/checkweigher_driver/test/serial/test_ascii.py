@@ -63,6 +63,13 @@ def test_a_value_beyond_32_bits_is_none():
     assert decode(LineDecoder(r'(\d+)', 9), [b'\n1\n3\n'])[0] == [1_000_000_000]
 
 
+@pytest.mark.parametrize('size', [1000, 7])
+def test_a_line_that_is_too_long_is_no_value_however_it_comes(size):
+    text = b'\n' + b'0' * 300 + b'12\n34\n'
+    pieces = [text[k : k + size] for k in range(0, len(text), size)]
+    assert decode(LineDecoder(r'(\d+)'), pieces)[0] == [34]
+
+
 @settings(max_examples=60)
 @given(
     st.lists(
