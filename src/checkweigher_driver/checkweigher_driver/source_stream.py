@@ -24,9 +24,10 @@ from checkweigher_driver.devices import DriverParameters
 from checkweigher_driver.health import DriverWatch
 from checkweigher_driver.sources import Source
 
-# Times in s after the beginning of a stream at which its status is repeated. A subscriber that is
-# visible in the ROS graph may not be connected yet, and would get the first status only with the
-# next DDS heartbeat after 3 s. Until then the subscriber would assign items to the previous stream.
+# Times in s after the line was ready for a stream at which the status is repeated. A subscriber
+# that is visible in the ROS graph may not be connected yet, and would get the first status only
+# with the next DDS heartbeat after 3 s. Until then the subscriber would assign items to the
+# previous stream.
 _REPEATS = (0.2, 0.5, 1.0)
 # Longest wait in s for nodes that may be missing, and for edges that the segmenter may have missed.
 _PATIENCE = 5.0

@@ -76,7 +76,7 @@ class LaneState:
     def deviation(self, verdict: Verdict) -> float:
         """Return the mass of an item minus the nominal mass in kg, NaN if either is unknown.
 
-        The nominal mass is known if the product of the item is still on the line.
+        The nominal mass is known if the product of the item is still on the line and has one.
         """
         product = self.product
         if product is None or product.product != verdict.product or not product.nominal > 0:

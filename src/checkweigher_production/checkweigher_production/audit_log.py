@@ -89,7 +89,8 @@ class Entry:
 class Verification:
     """Result of verifying a log."""
 
-    entries: tuple[Entry, ...]  # valid entries before the first fault
+    # Valid entries before the first fault, or all entries if `LOG.head` or the seals show a fault.
+    entries: tuple[Entry, ...]
     bad_line: int = 0  # number of the first faulty line, from 1, or 0 if no such line is known
     problem: str = ''  # 'changed', 'removed', 'inserted', 'cut' or 'seal'; empty for a valid log
     reason: str = ''  # description of the fault, or empty for a valid log

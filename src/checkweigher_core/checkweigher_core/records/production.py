@@ -37,7 +37,8 @@ class ProductOnLine:
     quota, and `tu1_quota` is the largest allowed share of items below TU1 among the accepted items.
     If `mean_value` is true, the batch mean must never be below `nominal`. If `performance_test` is
     true, all items are rejected, because a performance test is running. The fields `batch_items` to
-    `batch_surplus` are the totals of the batch so far (see `BatchTally`).
+    `batch_surplus` are the totals of this product in this batch so far, as the class `BatchTally`
+    of `checkweigher_dsp` counts them, or 0 in the records of the topic ``product_in_use``.
     """
 
     stamp: Stamp

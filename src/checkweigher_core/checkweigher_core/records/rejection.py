@@ -33,7 +33,7 @@ class Verdict(NanEqual):
     `station` is not 0, the reject or sorting station of this number removes the item instead of the
     rejector, and the signal to the station is due at `station_at`. `late` is true if the verdict
     was given after its signal was due. The fields `batch_items` to `batch_surplus` are the totals
-    of the batch including this item (see `BatchTally`).
+    of its product in the batch, including this item (`BatchTally` of `checkweigher_dsp`).
     """
 
     item_id: int

@@ -252,5 +252,8 @@ class MachineInputs:
             ),
         )
         return conclude(
-            'Machine inputs', 'all are on', concerns, {'external_rejects': self._watch.rejects}
+            'Machine inputs',
+            'no input requires a stop',
+            concerns,
+            {'external_rejects': self._watch.rejects},
         )

@@ -85,7 +85,7 @@ class ZeroWatch:
     def set(self) -> None:
         """Discard the readings for the drift, because a person has set the zero.
 
-        This change of the zero therefore causes no warning.
+        This change of the zero therefore counts neither as sudden nor as a drift.
         """
         self._noted = -math.inf
         self._drift.clear()

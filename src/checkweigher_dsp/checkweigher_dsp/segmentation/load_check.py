@@ -38,7 +38,7 @@ class LoadCheck:
         self._is_of_window = False
 
     def is_steady(self, window: NDArray[np.int32], empty: NDArray[np.int32], zero: float) -> bool:
-        """Return whether a window contains the load of only one item.
+        """Return whether the load is constant in a window, so no other item enters or leaves in it.
 
         `window`, (n,), contains the counts while the item is fully on the belt, and `empty`, (m,),
         the counts of the empty belt before the item. `zero` is the zero in counts. If the window
@@ -75,8 +75,8 @@ def is_unloaded(counts: NDArray[np.int32], size: int, zero: float) -> bool:
     """Return whether the items that entered during the samples `counts`, (n,), have left.
 
     The mean load of the last `size` samples is compared with the largest mean load of successive
-    parts of this size. `zero` is the zero in counts. If there are not at least two such parts, the
-    result is False.
+    parts of this size, of which at most 8 % may remain. `zero` is the zero in counts. If there are
+    not at least two such parts, the result is False.
     """
     number = len(counts) // size if size > 0 else 0
     if number < 2:

@@ -214,8 +214,8 @@ class WindowCutter:
         seen = self._see_rise(item, place)
         begins_late = seconds(place.t1 - (buffer.origin or 0)) < _BEFORE_RISE
         if self.jumped and begins_late and not seen.is_known:
-            # Do not trust the edges, because the clock of the eyes may not have jumped by the same
-            # time as the clock of the samples.
+            # Do not trust the edges. The clock of the eyes may have jumped by a different amount
+            # than the clock of the samples, which cannot be checked without a visible rise.
             return Reason.CLOCK_JUMP
         shift = self.edge_check.check(seen, *self.motion.measure(item))
         if shift is None:

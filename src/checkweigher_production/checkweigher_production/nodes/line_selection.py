@@ -44,7 +44,8 @@ def find(file: str, name: str) -> tuple[dict[str, Product], Product]:
 class LineSelection:
     """Selection of product and batch.
 
-    Each change is written to the audit log before it is made. `file` is the path of the recipe
+    Each change of the selection is written to the audit log before it is made. The restoration of
+    the limits in a restarted node is written afterwards. `file` is the path of the recipe
     file, or empty if the line has no recipes. `first` is the name of the product that is selected
     at a start without a stored selection, or empty if none is selected then. `warn` logs a warning.
     """

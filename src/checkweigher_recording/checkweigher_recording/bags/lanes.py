@@ -59,8 +59,8 @@ def choose_lane(path: Path, connections: Sequence[Connection], namespace: str | 
     if not lanes:
         names = ', '.join(sorted({connection.topic for connection in connections})) or 'none'
         raise BagError(
-            f'{path}: not of a checkweigher: no topic {LOAD_CELL_SAMPLES.name}; its topics are: '
-            f'{names}'
+            f'{path}: is not a recording of a checkweigher, because it has no topic such as '
+            f'{LOAD_CELL_SAMPLES.name}; its topics are {names}'
         )
     listed = ', '.join(each or '/' for each in sorted(lanes))
     prefix, *others = lanes if namespace is None else (lane_prefix(namespace),)

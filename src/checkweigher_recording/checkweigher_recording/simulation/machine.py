@@ -110,8 +110,10 @@ class Transfer:
 class Bounce:
     """Bounce of a product after its entry: a damped oscillation that differs from pass to pass."""
 
-    size: float = _ratio(0.002, 0.015)  # standard deviation of amplitude per kg and speed, in s/m
-    frequency: float = _ratio(8.0, 40.0)  # mean frequency in Hz; the standard deviation is 10 %
+    # Standard deviations of the sine and the cosine part, per kg and speed, in s/m.
+    size: float = _ratio(0.002, 0.015)
+    # Mean frequency in Hz. It varies with a standard deviation of 10 %, by at most 20 %.
+    frequency: float = _ratio(8.0, 40.0)
     decay: float = _ratio(0.02, 0.08)  # time constant in s
     power: float = _even(0.8, 1.4)  # exponent of the mass, as in `Transfer`
 

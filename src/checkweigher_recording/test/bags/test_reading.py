@@ -199,7 +199,7 @@ def test_a_folder_whose_file_is_gone(bag):
 @pytest.mark.parametrize(
     ('topic', 'parts'),
     [
-        ('/scan', ('not of a checkweigher', '/scan')),
+        ('/scan', ('not a recording of a checkweigher', '/scan')),
         (
             '/load_cell/samples',
             (f'holds std_msgs/msg/String, but must hold {SAMPLES.message_type}',),

@@ -54,8 +54,8 @@ def looks_of(estimators: tuple[str, ...]) -> dict[str, PlotStyle]:
 def number(value: float | None, digits: int = 3, sign: bool = False, unknown: str = NONE) -> str:
     """Return a number as text with the minus sign U+2212.
 
-    Returns `unknown` if the number is None or not finite. If `sign` is True, a positive number has
-    a plus sign.
+    Returns `unknown` if the number is None or not finite. If `sign` is True, a positive number and
+    zero have a plus sign.
     """
     if value is None or not math.isfinite(value):
         return unknown
@@ -137,8 +137,9 @@ class Content:
     def best_by_speed(self) -> list[float]:
         """Return the smallest mean A in kg of all estimators at each speed, then over all speeds.
 
-        A mean is over the conditions of an estimator. Estimators whose mean is NaN are ignored. The
-        smallest mean is NaN if the means of all estimators are NaN.
+        For each estimator, A is averaged over its conditions at the speed or, for the last value,
+        over all its conditions. Estimators whose mean is NaN are ignored. The smallest mean is NaN
+        if the means of all estimators are NaN.
         """
         speeds = (*self._evaluation.speeds, None)
         rows = [[self.mean(estimator=name, speed=at).index for at in speeds] for name in self.looks]

@@ -157,7 +157,8 @@ class CrossValidatedFit:
     """Weights from all passes, and estimates of all passes by cross-validation."""
 
     weights: NDArray[np.float64]  # (k,)
-    held_out: NDArray[np.float64]  # estimate of each pass by weights from other passes, (n,) in kg
+    # Load of each pass, (n,) in kg, estimated with weights from the deviations of the other passes.
+    held_out: NDArray[np.float64]
 
 
 def fit(known: Evidence, prior: Prior) -> CrossValidatedFit:
@@ -211,7 +212,10 @@ class TunedLearned(Tunable):
         return result
 
     def lists(self, values: Mapping[str, float]) -> dict[str, tuple[float, ...]]:
-        """Return the weights that are learned from all passes."""
+        """Return the weights for windows with and without the signal before t2.
+
+        The former are learned from the passes that have this signal, the latter from all passes.
+        """
         alone, led = self._fits
         layout = self.known.layout
         before = np.zeros(layout.count - layout.window)

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Waiting times after failed logins, for each account and each address."""
+"""Waiting times after failed logins and signatures, for each account and each address."""
 
 from collections.abc import Callable
 import time

@@ -92,7 +92,10 @@ def _recorded(bag: Path, changed: int) -> Recorded | None:
 
 
 def usual_spacing(known: Iterable[Recorded]) -> float:
-    """Return the median distance in m from one product to the next, or NaN if it is not known."""
+    """Return the median of the spacings in m of recordings, or NaN if no spacing is known.
+
+    Each recording has the same weight, however many passes it has.
+    """
     spacings = [each.spacing for each in known if math.isfinite(each.spacing)]
     return median(spacings) if spacings else math.nan
 

@@ -1,3 +1,3 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Actions on a machine from the page, through the services of its nodes."""
+"""Work of a user on a lane: actions, performance tests, signatures, reports, audit log and bags."""

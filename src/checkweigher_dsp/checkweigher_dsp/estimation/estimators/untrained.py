@@ -35,9 +35,9 @@ _ITERATIONS = 2
 SETTLE_TIME = 0.1  # duration in s of the ring-down after the previous item has left.
 # Number of parts of the rise. A part is about as long as a period of most platforms, or longer.
 _RISE_PARTS = 3
-# Factor of the standard deviation of the level. Without it, the standard deviation is too large,
-# because ringing decays within the window. The factor was measured on 21 machines that no estimator
-# was trained on.
+# Factor by which the standard deviation of the level is multiplied. Without it, the standard
+# deviation is too large, because ringing decays within the window. The factor was measured on 21
+# machines that no estimator was trained on.
 _STATED = 0.6
 
 

@@ -75,7 +75,7 @@ class Fit(Settings):
     )
     zero_variance: float = parameter(text='mean variance of the zero', unit='kg^2', minimum=0)
     loads: tuple[float, float] = parameter(text='smallest and largest load', unit='kg', minimum=0)
-    items: int = parameter(text='number of items from which the weights were learned')
+    items: int = parameter(text='number of items that were learned from, including the unused ones')
     trusted: bool = parameter(
         text='whether the learned weights are more precise than the selected estimator'
     )
@@ -110,8 +110,8 @@ class Fit(Settings):
 def fit(passages: Sequence[PassParts], rise: int) -> Fit | None:
     """Learn weights from the passes of items. Returns None if too few masses are similar.
 
-    `rise` is the number of parts from t1 to t2. Up to 5 % of the passes are not used, if they have
-    fewer parts before t1 than the others.
+    `rise` is the number of parts from t1 to t2. Up to 5 % of the passes are used only for the
+    covariance of the empty belt, if they have fewer parts before t1 than the others.
     """
     lead = min(int(np.quantile([each.lead for each in passages], _ALONE)), MOST_LEAD)
     used = [each for each in passages if each.lead >= lead]
