@@ -80,7 +80,7 @@ def test_a_machine_is_verified_by_the_page_alone(tmp_path: Path):
         for answer in ('Make it', 'Go on'):
             ben.makes('small at 60 m/min')
             ben.sees('small at 60 m/min: Failed', 'the mean error is beyond its limit')
-            assert 'pass 2 of 2: ' in ben.text('.verify .read')
+            assert '2 of 2 passes: ' in ben.text('.verify .read')
             assert shortcomings(browser) == []
             ben.make(answer)
         ben.makes('zero after the loads')

@@ -288,8 +288,8 @@ class _Guide:
                 continue
             items.append(item)
             found = f'{GRAMS * item.mass:.3f} g, {GRAMS * (item.mass - step.load.mass):+.3f} g'
-            found = found if item.weighed else ', '.join(item.reasons)
-            self._operator.tell(f'pass {_count_weighed(step, items)} of {step.count}: {found}')
+            found = found if item.weighed else f'no mass, {", ".join(item.reasons)}'
+            self._operator.tell(f'{_count_weighed(step, items)} of {step.count} passes: {found}')
         return Attempt(step, begin, items[-1].stamp, tuple(items))
 
 

@@ -127,8 +127,12 @@ class AttemptResults:
     @property
     def last(self) -> tuple[Result, ...]:
         """Result of the last attempt that was made at each step, without the skipped attempts."""
-        made = {each.attempt.step.name: each for each in self.results if not each.attempt.skipped}
-        return tuple(made.values())
+        return _last_of(self.results)
+
+
+def _last_of(results: Sequence[Result]) -> tuple[Result, ...]:
+    made = {each.attempt.step.name: each for each in results if not each.attempt.skipped}
+    return tuple(made.values())
 
 
 def outcome_of(procedure: Procedure) -> AttemptResults:
@@ -280,7 +284,7 @@ def _shortcomings(attempt: Attempt, condition: ConditionResult) -> Iterator[str]
     if condition.count < planned:
         yield f'{condition.count} of {planned} planned weighings'
     if condition.faults:
-        yield f'{condition.faults} passes got no mass'
+        yield f'{_passes(condition.faults)} got no mass'
     speeds = [each.speed for each in attempt.passes if each.weighed]
     if speeds and not abs(median(speeds) / condition.speed - 1) <= _SAME_SPEED:
         yield f'the belt ran at {MINUTE * median(speeds):.1f} m/min'
@@ -292,21 +296,30 @@ def _shortcomings_outside(condition: ConditionResult, planned: int) -> Iterator[
     if passes < planned:
         yield f'{passes} of {planned} planned passes'
     if condition.count:
-        yield f'{condition.count} passes got a mass'
+        yield f'{_passes(condition.count)} got a mass'
+
+
+def _passes(count: int) -> str:
+    return '1 pass' if count == 1 else f'{count} passes'
 
 
 def _gaps(plan: Plan, results: Sequence[Result], missing: Sequence[str]) -> Iterator[str]:
-    """Yield a sentence for each missing step or test, and for each step with too few weighings."""
+    """Yield a sentence for each missing step or test, and for each step with too few weighings.
+
+    The last attempt that was made at a step counts. A step without any weighing has failed, and
+    gets no sentence.
+    """
     yield from (f'Step {name} was not made.' for name in missing)
     yield from _missing_tests(plan)
-    for result in results:
+    for result in _last_of(results):
         if 0 < result.count < result.required:
             yield _too_few(result.attempt.step, result.count, result.required)
 
 
 def _missing_tests(plan: Plan) -> Iterator[str]:
+    # The warm-up may be missing. Its test belongs to the type evaluation, and needs a machine that
+    # was without power for 8 h.
     tests = {
-        'warm-up': plan.warm_up,
         'zero': plan.zero,
         'eccentricity': plan.eccentricity,
         'range of dynamic setting': plan.outside,
@@ -388,7 +401,7 @@ def _foreign_cell(procedure: Procedure) -> Iterator[str]:
 def _foreign_device(plan: Plan, own: LoadCell) -> Iterator[str]:
     """Yield a sentence if a load cell is not that of the plan.
 
-    `own` is the load cell of the samples. Its serial number must be that of the load cell or that
+    `own` is the load cell of the line. Its serial number must be that of the load cell or that
     of the amplifier in the plan, because a digital load cell sends the serial number of its
     amplifier.
     """
@@ -396,7 +409,7 @@ def _foreign_device(plan: Plan, own: LoadCell) -> Iterator[str]:
     if own.serial_number not in filter(None, planned):
         named = f'{own.model} {own.serial_number}'.strip() or 'a device without a serial number'
         yield (
-            f'The samples are from {named}, but the plan has load cell {planned[0] or "?"} and '
+            f'The line has {named}, but the plan has load cell {planned[0] or "?"} and '
             f'amplifier {planned[1] or "?"}.'
         )
 

@@ -7,7 +7,7 @@ was available, with one exception: the test of the zero precedes the tests that 
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from checkweigher_validation.verification.plan import MINUTE, Mass, Plan
@@ -28,7 +28,11 @@ class StepKind(StrEnum):
     ZERO_AFTER = 'zero after the loads'
 
 
-_PASS = 'Run the belt at {speed:g} m/min and let {load} pass'
+_PASS = '{belt}; once the step has begun, let {load} pass'
+_BELT = 'Run the belt at {speed:g} m/min'
+_NEW_SPEED = (
+    f'{_BELT} and let one product pass, because the first one after a change of speed is a FAULT'
+)
 # Instruction to the operator for each kind of step, as a format string.
 _TO_DO = {
     StepKind.WARM_UP_ZERO: 'Leave the belt empty',
@@ -56,6 +60,9 @@ class Step:
     position: str = ''  # name of the position across the belt, empty except for eccentricity.
     # Planned time in min after the first step of the warm-up, or None in other tests.
     minutes: float | None = None
+    is_new_speed: bool = (
+        False  # whether the passes before had another belt speed, or there are none
+    )
 
     @property
     def at_rest(self) -> bool:
@@ -66,13 +73,17 @@ class Step:
     def to_do(self) -> str:
         """Instruction to the operator, in one line without a full stop."""
         load = f'{self.load.name} ({self.load.mass_g:g} g)' if self.load else ''
-        speed = MINUTE * (self.speed or 0)
-        return _TO_DO[self.kind].format(speed=speed, load=load, position=self.position)
+        belt = (_NEW_SPEED if self.is_new_speed else _BELT).format(speed=MINUTE * (self.speed or 0))
+        return _TO_DO[self.kind].format(belt=belt, load=load, position=self.position)
 
 
 def steps_of(plan: Plan) -> tuple[Step, ...]:
     """Return the steps of a plan in chronological order. Each step has a unique name."""
-    return tuple(_steps(plan))
+    steps, speed = [], None
+    for step in _steps(plan):
+        steps.append(replace(step, is_new_speed=step.speed not in (None, speed)))
+        speed = step.speed or speed
+    return tuple(steps)
 
 
 def _steps(plan: Plan) -> Iterator[Step]:

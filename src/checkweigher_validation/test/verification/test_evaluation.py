@@ -43,14 +43,14 @@ def test_figures_and_limits_of_passes_are_those_worked_by_hand():
         ('passes_60_small', [74.61, 74.61, 74.61], 0, ('the mean error is beyond its limit',)),
         ('passes_60_small', [74.1, 74.5, 74.9], 0, ('the standard deviation is beyond its limit',)),
         ('passes_60_small', [74.5, 74.5], 0, ('2 of 3 planned weighings',)),
-        ('passes_60_small', [74.5, 74.5, 74.5], 1, ('1 passes got no mass',)),
+        ('passes_60_small', [74.5, 74.5, 74.5], 1, ('1 pass got no mass',)),
         ('eccentricity_left', [194.1, 194.5, 194.9], 0, ()),
         ('eccentricity_left', [194.61] * 3, 0, ('the mean error is beyond its limit',)),
         ('repeatability', [195.5] * 3, 0, ()),
         ('repeatability', [193, 194.5, 196], 0, ('the standard deviation is beyond its limit',)),
         ('outside_1', [], 3, ()),
         ('outside_1', [], 2, ('2 of 3 planned passes',)),
-        ('outside_1', [194.5], 2, ('1 passes got a mass',)),
+        ('outside_1', [194.5], 2, ('1 pass got a mass',)),
     ],
 )
 def test_each_test_is_judged_by_its_own_limits(
@@ -148,6 +148,8 @@ def test_the_last_attempt_counts_and_all_are_told():
     assert [(each.number, each.passed) for each in found.results] == [(1, False), (2, True)]
     assert [each.number for each in found.last] == [2]
     assert 'Step passes_60_small has 2 attempts; the last that was made counts.' in found.departures
+    enough = (attempt_of('passes_60_small', masses=[74.5] * count) for count in (3, 60))
+    assert not any('60 are required' in each for each in outcome_of(procedure_of(*enough)).gaps)
 
 
 def test_what_was_another_one_after_the_last_step_is_told():

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The plan of a verification and the steps that follow from it."""
 
+from itertools import pairwise
+
 import pytest
 
 from checkweigher_core.parameters import SettingsError
@@ -36,8 +38,17 @@ def test_steps_go_from_the_warm_up_to_the_zero_after_the_loads():
     assert kinds == list(StepKind)
     static = [step.name.removeprefix('static_') for step in steps if step.kind == StepKind.STATIC]
     assert static == ['up_small', 'up_middle', 'up_large', 'down_middle', 'down_small']
-    passes = next(step for step in steps if step.name == 'passes_30_middle')
-    assert passes.to_do == 'Run the belt at 30 m/min and let middle (194.5 g) pass'
+    first, middle, *_ = (step for step in steps if step.kind == StepKind.PASSES)
+    assert first.to_do == (
+        'Run the belt at 30 m/min and let one product pass, because the first one after a change '
+        'of speed is a FAULT; once the step has begun, let small (74.5 g) pass'
+    )
+    assert middle.to_do == (
+        'Run the belt at 30 m/min; once the step has begun, let middle (194.5 g) pass'
+    )
+    speeds = [step.speed for step in steps if step.speed]
+    new = [step.is_new_speed for step in steps if step.speed]
+    assert new == [True, *(a != b for a, b in pairwise(speeds))]
 
 
 def test_a_plan_takes_as_long_as_its_warm_up_and_what_comes_after():

@@ -31,6 +31,10 @@ from checkweigher_web.work.services import ActionRefusedError
 # pass. Measured with `checkweigher tune` on 20 to 360 passes at one to three speeds.
 _TRAINING, _TRAINING_OF_PASS = 5.0, 0.045
 _MANY = 100_000  # upper bound of the number of passes, exclusive
+_PLAN_FIRST = Text(
+    'If the machine will be verified, fill in the plan of Verify first: this step then lists the '
+    'masses and speeds that the plan needs.'
+)
 _PHASES = {
     'reading': Text('reading the passes'),
     'preparing': Text('preparing the estimators'),
@@ -109,6 +113,8 @@ class DynamicStep(Step):
         if said is self._said:
             return
         self._said = said
+        if self._works(said):  # Nothing new can be accepted before the recording or training ends.
+            return
         lines = await self._trained()
         if lines != self._table and not self._state.is_deleted:
             self._table = lines
@@ -117,8 +123,8 @@ class DynamicStep(Step):
     async def _show_coverage(self) -> None:
         """Show the recorded passes, and the loads to be weighed that these passes do not cover.
 
-        The loads are those of the verification plan, and those of the recipes at each recorded
-        speed.
+        The loads are those of the verification plan, unless it is still the example, and those of
+        the recipes at each recorded speed.
         """
         before, self._known = self._known, await recorded(self.services)
         if self._said is None or self._known != before:
@@ -126,12 +132,14 @@ class DynamicStep(Step):
         if self._state.is_deleted:
             return
         speeds = {round(MINUTE * each.speed) / MINUTE for each in self._known}
-        loads = [*loads_of(self.desk.plan), *product(speeds, self._products)]
+        planned = loads_of(self.desk.plan) if self.desk.has_own_plan else []
+        loads = [*planned, *product(speeds, self._products)]
         self._lacking = lines_of(not_covered(self._known, loads))
         self._recorded.show(self.say(_words(each)) for each in self._known)
         self._recorded.set_visibility(bool(self._known))
-        self._doubts.show(map(self.say, self._lacking))
-        self._doubts.set_visibility(bool(self._lacking))
+        hints = [] if self.desk.has_own_plan else [_PLAN_FIRST]
+        self._doubts.show(map(self.say, [*hints, *self._lacking]))
+        self._doubts.set_visibility(bool(hints or self._lacking))
 
     async def _masses_of_recipes(self) -> list[float]:
         try:

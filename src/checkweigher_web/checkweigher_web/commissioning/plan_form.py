@@ -46,8 +46,12 @@ _FIELDS = (
     Field(('min_g',), Text('Min')),
     Field(('max_g',), Text('Max')),
     Field(('prepackages_g',), Text('Nominal quantities of prepackages (empty: none)')),
+    Field(('machine', 'maker'), Text('Maker of the machine')),
+    Field(('machine', 'type'), Text('Type of the machine')),
     Field(('machine', 'serial'), Text('Serial number of the machine')),
+    Field(('load_cell', 'type'), Text('Type of the load cell')),
     Field(('load_cell', 'serial'), Text('Serial number of the load cell')),
+    Field(('amplifier', 'type'), Text('Type of the amplifier')),
     Field(('amplifier', 'serial'), Text('Serial number of the amplifier')),
     Field(('speeds_m_per_min',), Text('Belt speeds'), 'm/min'),
     Field(('passes',), Text('Passes of each mass (empty: as the rule asks)')),
@@ -61,12 +65,12 @@ _OF_MASS = (
 _NUMBERS = 'factor', 'passes'
 # Keys whose values differ with each verification. The page names those of them whose values are
 # still those of the example plan.
-_OWN = 'operator', 'place', 'environment', 'certificate', 'serial'
+_OWN = 'operator', 'place', 'environment', 'maker', 'type', 'certificate', 'serial'
 # Distance in m from one product to the next if no passes were recorded.
 _SPACING = 1.0
 # Labels of the tests that a plan may omit, by the keys of their sections.
 TESTS = {
-    'warm_up': Text('Warm-up'),
+    'warm_up': Text('Warm-up, for a type evaluation'),
     'zero': Text('Zero'),
     'outside': Text('Outside the range of speeds'),
     'eccentricity': Text('Eccentricity'),
@@ -103,8 +107,13 @@ def new_plan(operator: str, load_cell: LoadCell | None) -> str:
     is kept.
     """
     text, example = EXAMPLE, read_plan(EXAMPLE)
-    serial = '' if load_cell is None else load_cell.serial_number
-    for before, value in ((example.operator, operator), (example.load_cell['serial'], serial)):
+    model, serial = (load_cell.model, load_cell.serial_number) if load_cell else ('', '')
+    known = (
+        (example.operator, operator),
+        (example.load_cell['type'], model),
+        (example.load_cell['serial'], serial),
+    )
+    for before, value in known:
         if value:  # Replace the text of the value, because the comments of the plan must stay.
             text = text.replace(f': {before}\n', f': {json.dumps(value)}\n')
     return text
@@ -153,14 +162,15 @@ def with_test(text: str, key: str, *, made: bool) -> str:
     """Return the text of a plan with a test if `made` is true, otherwise without the test.
 
     An added test is a copy of the test in the example plan, with the loads and the first speed of
-    this plan. Raises `ParameterError` as `fields_of` does.
+    this plan. A test of one load has the load in the middle of the list. Raises `ParameterError` as
+    `fields_of` does.
     """
     plan = _sections(text)
     plan.pop(key, None)
     if made:
-        load, *_ = plan.get('loads') or ['']
+        loads = plan.get('loads') or ['']
         speed, *_ = plan.get('speeds_m_per_min') or [0.0]
-        plan[key] = _fitted(_sections(EXAMPLE)[key], plan.get('loads') or [], load, speed)
+        plan[key] = _fitted(_sections(EXAMPLE)[key], loads, loads[len(loads) // 2], speed)
     return _dumped(plan)
 
 

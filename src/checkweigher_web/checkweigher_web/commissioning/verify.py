@@ -131,7 +131,7 @@ class VerifyStep(Step):
 
     def _show_text(self, text: str) -> None:
         """Show the text of a plan, and its values in the form. An invalid text has no form."""
-        self.desk.plan = text
+        self._take(text)
         self._plan.set_value(text)
         self._form.clear()
         try:
@@ -167,8 +167,11 @@ class VerifyStep(Step):
     def _set_test(self, key: str, event: object) -> None:
         self._change(with_test(self.desk.plan, key, made=bool(getattr(event, 'value', False))))
 
+    def _take(self, text: str) -> None:
+        self.desk.plan, self.desk.has_own_plan = text, text != self._new_plan()
+
     def _change(self, text: str) -> None:
-        self.desk.plan = text
+        self._take(text)
         self._plan.set_value(text)
         self._show_summary()
 
@@ -178,7 +181,7 @@ class VerifyStep(Step):
         doubts += lines_of(not_covered(known, loads_of(self.desk.plan))) if known else []
         self._found.set_text(self.say(line))
         self._doubts.show(map(self.say, doubts))
-        self._doubts.set_visibility(bool(doubts))
+        self._doubts.set_visibility(bool(doubts) and self._choice.visible)
         self._table.show([self.say(step), told(to_do, self.say)] for step, to_do in rows)
 
     def _facts(self) -> LineFacts:
@@ -289,7 +292,7 @@ class VerifyStep(Step):
             await self.services.call(
                 ports.ANSWER_VERIFICATION, question=question, answer=int(answer), reason=reason
             )
-            return Text('{step}: taken', step=step_words(step))
+            return Text('{step}: answered', step=step_words(step))
 
         await self.perform(Text(what.template, step=step, name=seen.name), give)
 

@@ -73,12 +73,18 @@ _MESSAGES = (
     Text('Leave the belt empty while the line is zeroed'),
     Text('Take off all loads and leave the belt empty'),
     Text('Stop the belt and put {load} on its middle'),
-    Text('Run the belt at {speed} m/min and let {load} pass'),
-    Text('Run the belt at {speed} m/min and let {load} pass; each pass must be a FAULT'),
-    Text('Run the belt at {speed} m/min and let {load} pass, lane {lane}'),
+    Text('Run the belt at {speed} m/min'),
+    Text(
+        'Run the belt at {speed} m/min and let one product pass, because the first one after a '
+        'change of speed is a FAULT'
+    ),
+    Text('{belt}; once the step has begun, let {load} pass'),
+    Text('{belt}; once the step has begun, let {load} pass; each pass must be a FAULT'),
+    Text('{belt}; once the step has begun, let {load} pass, lane {lane}'),
+    Text('{done_count} of {count} passes: {mass}, {error_mass}'),
+    Text('{done_count} of {count} passes: no mass, {reasons}'),
     # Departures of a plan from the rules
     Text('The plan has no test of {name}.'),
-    Text('warm-up'),
     Text('zero'),
     Text('eccentricity'),
     Text('range of dynamic setting'),
@@ -95,10 +101,7 @@ _MESSAGES = (
         'Reference {name} has an uncertainty of {mass} (k = 2), above a third of the limit, '
         '{limit_mass}.'
     ),
-    Text(
-        'The samples are from {device}, but the plan has load cell {cell} and amplifier '
-        '{amplifier}.'
-    ),
+    Text('The line has {device}, but the plan has load cell {cell} and amplifier {amplifier}.'),
     Text('a device without a serial number'),
     Text('skipped: {reason}'),
     Text('{name}: passed'),

@@ -152,8 +152,14 @@ def _in_use(services: LaneServices) -> ProductOnLine:
 async def set_limits(services: LaneServices, wanted: MassLimits) -> str:
     """Set both limits of the node `reject`, and return a text for the user.
 
-    If the node refuses the limits, neither of them is changed, and `ActionRefusedError` is raised.
+    Raises `ActionRefusedError` if the node refuses the limits, or if the line has recipes but no
+    product is selected, because the limits of the product would replace these. Neither limit is
+    then changed.
     """
+    now = services.product
+    if now is not None and now.needed and not now.product:
+        text = Text('no limits are set, because nothing is accepted: select a product first')
+        raise ActionRefusedError(text)
     # The node would also refuse this, but its message would contain the masses in kg.
     if wanted.lower > wanted.upper:
         text = Text(

@@ -59,6 +59,7 @@ class Desk:
         self.auditor = auditor
         self.users = access.users
         self.plan = EXAMPLE
+        self.has_own_plan = False  # whether the user has changed the example or chosen another plan
         self.needs_reason = False  # whether the recipe in use requires a reason for each action
         self._access = access
         self._client = ui.context.client

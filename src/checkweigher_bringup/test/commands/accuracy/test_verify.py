@@ -69,7 +69,7 @@ def test_a_machine_of_its_class_passes_and_its_bag_gives_the_report_again(
     assert 'Step passes_60_small has 12 weighings, 60 are required.' in report['departures']
     assert any('had no zeroing before it' in each for each in report['departures'])
     assert (
-        'The samples are from simulated S-1, but the plan has load cell LC-1 and amplifier AD-1.'
+        'The line has simulated S-1, but the plan has load cell LC-1 and amplifier AD-1.'
         in (report['departures'])
     )
     assert (
@@ -230,4 +230,5 @@ def test_the_example_and_its_steps_are_shown(
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].split() == ['warm_up_zero_0', 'reading', 'Leave', 'the', 'belt', 'empty']
     (line,) = (line for line in lines if line.startswith('passes_30_small'))
-    assert line.endswith('  60 passes  Run the belt at 30 m/min and let small (74.5 g) pass')
+    assert '  60 passes  Run the belt at 30 m/min and let one product pass, because ' in line
+    assert line.endswith('; once the step has begun, let small (74.5 g) pass')
