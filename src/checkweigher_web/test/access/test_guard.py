@@ -320,6 +320,7 @@ def test_a_page_loads_again_at_the_second_look_after_its_session_has_ended(
     access = Access(Site(users=users))
     identifier = access.sessions.begin(anna, '127.0.0.1')
     scope = {'type': 'http', 'path': '/', 'headers': [], 'checkweigher.session': identifier}
+    monkeypatch.setattr(Client, 'instances', {})  # without the clients of other tests
 
     async def look() -> list[bool]:
         monkeypatch.setattr(core, 'loop', asyncio.get_running_loop())
