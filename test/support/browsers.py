@@ -13,6 +13,7 @@ from selenium import webdriver
 from selenium.common.exceptions import StaleElementReferenceException, TimeoutException
 from selenium.webdriver.chrome.options import Options
 from selenium.webdriver.chrome.service import Service
+from selenium.webdriver.remote.webelement import WebElement
 from selenium.webdriver.support.wait import WebDriverWait
 
 BROWSER, DRIVER = shutil.which('chromium'), shutil.which('chromedriver')
@@ -78,6 +79,13 @@ return [...document.querySelectorAll(kinds)]
   .filter(e => !named(e)).map(e => e.outerHTML.slice(0, 120));
 """
 
+# Whether an element keeps its place for 0.1 s: a click while the layout moves falls elsewhere.
+_IS_AT_REST = (
+    'const [element, done] = arguments;'
+    'const place = () => JSON.stringify(element.getBoundingClientRect()), before = place();'
+    'setTimeout(() => done(place() === before), 100);'
+)
+
 
 @contextmanager
 def open_browser(folder: Path, *more: str) -> Iterator[webdriver.Chrome]:
@@ -112,6 +120,11 @@ def text_of(driver: webdriver.Chrome, selector: str) -> str:
     return str(driver.execute_script(  # in one step: the page changes
         'const found = document.querySelector(arguments[0]);'
         'return found?.checkVisibility() ? found.innerText : ""', selector))  # fmt: skip
+
+
+def is_at_rest(driver: webdriver.Chrome, element: WebElement) -> bool:
+    """Return whether an element keeps its place on the page for 0.1 s."""
+    return bool(driver.execute_async_script(_IS_AT_REST, element))
 
 
 def rows_of(driver: webdriver.Chrome) -> list[list[str]]:

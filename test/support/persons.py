@@ -7,7 +7,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from browsers import text_of, until
+from browsers import is_at_rest, text_of, until
 from selenium.common.exceptions import WebDriverException
 from selenium.webdriver import Chrome
 from selenium.webdriver.common.by import By
@@ -22,13 +22,6 @@ from checkweigher_web.access.users import Role, User, hash_password, write_users
 PASSWORD = 'correct horse'
 SCRIPT = '<img src=x onerror=alert(1)>'
 _BESIDE_MENU = 'Start', 'Stop', 'Product', 'New batch', 'Zero'  # the menu has all other actions
-# A click while the layout moves falls elsewhere, on the button beside it for one: a dialog that is
-# just opening or growing has to come to rest. What moves later than that is watched for.
-_COME_TO_REST = (
-    'const [element, done] = arguments;'
-    'const place = () => JSON.stringify(element.getBoundingClientRect()), before = place();'
-    'setTimeout(() => done(place() === before), 100);'
-)
 _WATCH_CLICK = (
     'window.missed = true;'
     'arguments[0].addEventListener("click", () => { window.missed = false }, {once: true});'
@@ -180,7 +173,9 @@ class Person:
         return False
 
     def _has_clicked(self, element: WebElement) -> bool:
-        if not self.browser.execute_async_script(_COME_TO_REST, element):
+        # A dialog that is just opening or growing has to come to rest. What moves later than that
+        # is watched for.
+        if not is_at_rest(self.browser, element):
             return False
         self.browser.execute_script(_WATCH_CLICK, element)
         element.click()

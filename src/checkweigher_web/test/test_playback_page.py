@@ -7,7 +7,15 @@ from functools import partial
 from pathlib import Path
 
 from axe import check_accessibility
-from browsers import check_all_widths, errors_of, needs_browser, rows_of, text_of, until
+from browsers import (
+    check_all_widths,
+    errors_of,
+    is_at_rest,
+    needs_browser,
+    rows_of,
+    text_of,
+    until,
+)
 from lines import edges_of, saturated_at, simulated, without_edges
 import pytest
 from selenium.webdriver import ActionChains, Chrome
@@ -84,6 +92,7 @@ def test_arrows_and_clicks_in_the_strip_move_through_the_items(page: Chrome):
     until(page, lambda: text_of(page, '.mass').endswith(' g'))
     # A click at the right end of the figure chooses the last item.
     until(page, lambda: page.find_elements(By.CSS_SELECTOR, '.hour canvas'))
+    until(page, lambda: is_at_rest(page, strip))
     right, top = strip.size['width'] // 2 - 24, 35 - strip.size['height'] // 2
     ActionChains(page).move_to_element_with_offset(strip, right, top).click().perform()
     shows(page, ITEMS)
@@ -96,6 +105,8 @@ def is_latest(shown: list[int]) -> bool:
 def test_a_part_of_the_time_that_is_selected_is_what_the_list_shows(page: Chrome):
     strip = page.find_element(By.CSS_SELECTOR, '.hour .chart')
     until(page, lambda: page.find_elements(By.CSS_SELECTOR, '.hour canvas'))
+    page.execute_script('arguments[0].scrollIntoView({block: "center"})', strip)
+    until(page, lambda: is_at_rest(page, strip))
     # Drag the left handle of the slider below the charts to the middle.
     left, bottom = 71 - strip.size['width'] // 2, strip.size['height'] // 2 - 18
     half = strip.size['width'] // 2 - 45
