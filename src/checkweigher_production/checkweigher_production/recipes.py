@@ -115,8 +115,9 @@ class Product(NanEqual, Settings):
         unit='kg',
         maximum=_LARGEST_MASS,
     )
-    # Limits TU1 and TU2 in kg, NaN if 76/211/EEC has none for this nominal weight. A batch record
-    # contains those that applied when the product was selected.
+    # Limits TU1 and TU2 in kg. A limit that the recipe does not give is that of 76/211/EEC, or NaN
+    # if the directive has none for this nominal quantity. A batch record contains those that
+    # applied when the product was selected.
     tu1: float = parameter(
         math.nan, 'TU1, if it differs from the value of 76/211/EEC', unit='kg', minimum=0
     )
@@ -194,8 +195,9 @@ class Product(NanEqual, Settings):
         """
         given: float | str = self.lower_limit
         if math.isfinite(self.tu1_quota):
-            if math.isnan(self.tu1):
-                raise SettingsError('76/211/EEC has no TU1 for this nominal weight', 'tu1_quota')
+            if math.isnan(self.tu1) or math.isnan(self.tu2):
+                text = 'needs TU1 and TU2, which 76/211/EEC does not have for this nominal quantity'
+                raise SettingsError(text, 'tu1_quota')
             # A batch record contains the mass of TU2 instead of its name.
             mass = self.tu2 if given == 'TU2' else given
             if isinstance(mass, str) or not (mass == -math.inf or math.isclose(mass, self.tu2)):
@@ -207,13 +209,14 @@ class Product(NanEqual, Settings):
             return self.tu2
         if not isinstance(given, str):
             return given
-        if math.isnan(self.tu1):
+        limit = self.tu1 if given == 'TU1' else self.tu2
+        if math.isnan(limit):
             raise SettingsError(
                 f'76/211/EEC has no {given} for a nominal weight of {self.nominal:g} kg, only for '
                 f'{SMALLEST:g}..{LARGEST:g} kg',
                 'lower_limit',
             )
-        return self.tu1 if given == 'TU1' else self.tu2
+        return limit
 
     def limits(self) -> dict[str, object]:
         """Return the limits of the product by parameter name of the reject node.

@@ -60,6 +60,12 @@ def test_where_the_directive_has_no_row_there_is_no_tu1():
     assert math.isnan(settings_of(Product, {'nominal': 25.0}, 'sack').tu1)
     with pytest.raises(SettingsError, match=r'sack\.lower_limit: 76/211/EEC has no TU1 .* 25 kg'):
         settings_of(Product, {'nominal': 25.0, 'lower_limit': 'TU1'}, 'sack')
+    own = {'nominal': 25.0, 'tu1': 24.9}
+    assert settings_of(Product, {**own, 'lower_limit': 'TU1'}, 'sack').lower_limit == 24.9
+    with pytest.raises(SettingsError, match=r'sack\.lower_limit: 76/211/EEC has no TU2 .* 25 kg'):
+        settings_of(Product, {**own, 'lower_limit': 'TU2'}, 'sack')
+    with pytest.raises(SettingsError, match=r'sack\.tu1_quota: needs TU1 and TU2'):
+        settings_of(Product, {**own, 'lower_limit': 'TU2', 'tu1_quota': 0.02}, 'sack')
 
 
 def test_what_is_not_given_is_no_limit():
