@@ -29,7 +29,7 @@ from checkweigher_recording.bags.writing import BagWriter
 # a pass is complete, and training may remove the cause of the FAULT.
 _OF_USE = {Reason.SPEED_NOT_TRAINED, Reason.NO_CONVERGENCE, Reason.NO_PRODUCT}
 _POLL_PERIOD = 0.2  # s
-_FLUSH_PERIOD = 1.0  # time in s between flushes; a kill loses at most the messages of this time
+_FLUSH_PERIOD = 1.0  # time in s between flushes; a kill loses the messages of about this time
 _FAREWELL = 1.0  # maximum time in s after a signal in which messages in transit are recorded
 _PATIENCE = 5.0  # time in s without a message after which a warning is printed
 _TRAIL = 1.0  # time in s after the last verdict in which the product leaves the belt
@@ -153,8 +153,8 @@ def record(
     """Record a lane until `duration` s have passed, all `passes` are recorded, or a signal arrives.
 
     The signals are SIGINT, SIGTERM and SIGHUP. If this process is killed, the bag lacks the
-    messages of the last second and the file ``metadata.yaml``. With `inputs_only`, results are not
-    recorded, because a replay computes them again.
+    messages of about the last second and the file ``metadata.yaml``. With `inputs_only`, results
+    are not recorded, because a replay computes them again.
 
     Raises `OutputError` if the bag cannot be written. Raises `UserError` and leaves no bag if no
     message arrives.

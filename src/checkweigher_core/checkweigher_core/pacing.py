@@ -48,9 +48,12 @@ class FlowControl:
     # Largest lag in s of signal. This limit must be less than the parameter `edge_lateness` of the
     # segmenter, which otherwise would discard edges.
     max_duration: float = 1.0
-    max_blocks: int = 500  # largest lag in blocks, below the depth of the DDS queue
+    max_blocks: int = (
+        500  # lag in blocks above which sending stops, below the depth of the DDS queue
+    )
     max_edges: int = 500  # largest lag in edges, below the depth of the DDS queue
-    max_items: int = 100  # largest number of items with a weigh window but without a verdict
+    # Number of items with a weigh window but without a verdict above which sending stops.
+    max_items: int = 100
 
     def __post_init__(self) -> None:
         self.samples_sent = 0

@@ -63,7 +63,7 @@ class SampleWatch:
     def restart(self) -> None:
         """Discard the expected index and the values of `clock`, because a new stream begins.
 
-        The rates and counts are kept.
+        All rates and counts are kept, except the sample rate that `clock` computes from the stamps.
         """
         self._end = None
         self.clock.restart()
@@ -205,5 +205,8 @@ class EyeWatch:
             )
             for eye, other in ((Eye.INFEED, Eye.OUTFEED), (Eye.OUTFEED, Eye.INFEED))
         ]
-        well = 'both switch' if all(lately.values()) else 'no product in the last minute'
+        if any(lately.values()):
+            well = 'both switch' if all(lately.values()) else 'few products in the last minute'
+        else:
+            well = 'no product in the last minute'
         return conclude('Photo eyes', well, concerns, values)

@@ -53,7 +53,10 @@ class Diagnostics:
         )
 
     def count(self, name: str) -> None:
-        """Count an event. All events with the same name must be counted by the same thread."""
+        """Count an event.
+
+        The caller must hold `LOCK`, because callbacks in several threads count events.
+        """
         self._counters[name] = self._counters.get(name, 0) + 1
 
     def warn(self, text: str) -> None:

@@ -117,7 +117,8 @@ class PortNode(Node):
                 result = callback(*args)
                 return await result if inspect.iscoroutine(result) else result
             except Exception as error:
-                self.fail(error, what)
+                with LOCK:
+                    self.fail(error, what)
                 return otherwise()
 
         return call

@@ -28,7 +28,7 @@ class Eyes:
     def __init__(self, debounce: int, max_transit: int) -> None:
         self.debounce = debounce
         self.origin: int | None = None  # time of the first sample of the stream in ns
-        self.newest: int | None = None  # largest stamp in ns since the clock last changed
+        self.newest: int | None = None  # largest stamp in ns since the clock last jumped back
         self._max_transit = max_transit
         # Recent edges, in a dictionary because it is faster to search than a deque.
         self._known: OrderedDict[EyeEdge, None] = OrderedDict()

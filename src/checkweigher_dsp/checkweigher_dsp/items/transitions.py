@@ -107,8 +107,9 @@ def _is_settled(belt: Belt, item: TrackedItem, stamp: int) -> bool:
 def _merge_flicker(belt: Belt) -> None:
     """Merge the newest item into the previous item if the newest item is a flicker of the eye.
 
-    The newest item is a flicker if it blocked the infeed eye for less than the debounce time, or
-    less than twice this time after chatter, and if the clearing edge of the previous item was lost.
+    The newest item is a flicker if the clearing edge of the previous item was lost, and if the
+    newest item blocked the infeed eye for less than the debounce time. The limit is twice the
+    debounce time if the newest item has the fault CHATTERING_EYE.
     """
     others = [*belt.given_up, *belt.items[:-1]]
     if not belt.items or not others or belt.items[-1].item_id != belt.count:

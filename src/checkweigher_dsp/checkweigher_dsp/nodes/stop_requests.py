@@ -22,7 +22,8 @@ from checkweigher_core.ros.stage_node import StageNode
 from checkweigher_dsp.nodes.strangers import StrangerWatch
 from checkweigher_dsp.rejection.monitoring import RejectMonitor
 
-_LOOK_PERIOD = 1.0  # interval between two checks in s
+# Period in s of the checks of the publishers and of the time limit of the performance test.
+_LOOK_PERIOD = 1.0
 _NOT_READY = StopRequest(StopReason.NOT_READY, 0)
 
 
@@ -31,7 +32,7 @@ class StopRequests:
 
     While `active` is false, the node requests a stop. `driver` is the input for the driver status.
     The function `update` is called after each check of the reasons, and must call `show`. The
-    function `shown` is called after each published change of the request.
+    function `shown` is called after each published change of the request, and after the start.
     """
 
     def __init__(

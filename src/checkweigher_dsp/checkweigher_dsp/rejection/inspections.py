@@ -98,7 +98,8 @@ class Inspections:
         """
         fault = StopReason.INSPECTION_FAULT in conditions.conditions
         running = conditions.known and not fault and heard
-        # Date an outage back, because it may have begun before the latest edges arrived.
+        # Date an outage back by `_LATENESS`. The stamp is set by the latest edge, which may have
+        # arrived before the message that reports the outage.
         self.set_running(running, stamp if running else stamp - _LATENESS)
 
     def set_running(self, running: bool, stamp: int) -> None:

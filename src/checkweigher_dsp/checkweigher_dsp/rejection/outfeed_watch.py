@@ -37,7 +37,7 @@ class OutfeedWatch:
         self._taken: tuple[float, float] = (math.inf, -math.inf)
         self._clear_since = -math.inf
         self._stamps: deque[int] = deque(maxlen=4 * _MOST)  # stamps of all edges.
-        # Times t1 and t3 of items with a verdict before their announcement.
+        # Times t1 and t3 in ns of items whose verdict was given before their last announcement.
         self._judged: deque[tuple[int | None, int]] = deque(maxlen=_MOST)
 
     def add(self, edge: EyeEdge, came: int, after: int) -> None:
@@ -86,11 +86,14 @@ class OutfeedWatch:
         self.open = [each for each in self.open if each.stamp != stamp]
 
     def judge(self, t1: int | None, t3: int) -> None:
-        """Store the edges of an item that receives its verdict before it is announced."""
+        """Store t1 and t3 in ns of an item whose verdict is given before its last announcement.
+
+        `t1` is None if it is unknown.
+        """
         self._judged.append((t1, t3))
 
     def has_judged(self, item: Item) -> bool:
-        """Return whether an item received a verdict by its edges before it was announced."""
+        """Return whether an item received a verdict by its edges before its last announcement."""
         return any(
             (item.t1 is not None and item.t1 == t1) or (item.t3 is not None and item.t3 == t3)
             for t1, t3 in self._judged

@@ -85,7 +85,7 @@ class Segmenter:
 
     @property
     def last_edge(self) -> int | None:
-        """Largest stamp in ns of the edges processed since the clock changed, or None."""
+        """Largest stamp in ns of the edges processed since the clock jumped back, or None."""
         return self._source.tracker.eyes.newest
 
     @property

@@ -54,9 +54,10 @@ def responses(platform: Platform, mass: float, crossing: Crossing, time: Array) 
     `mass` is the mass of the product in kg. `time`, (n,) in s, ascends and begins no later than
     ``on_end``. The first row is the response to the load of the product, divided by its mass. The
     other rows are free oscillations. Rows 2 and 3 begin at ``time[0]``. Row 2 begins with value 1
-    and slope 0, and row 3 with value 0 and a slope equal to the angular natural frequency. Rows 4
-    and 5 begin in the same way at ``on_begin``. They describe the oscillation after a short impact
-    at entry.
+    and slope 0, and row 3 with value 0 and a slope equal to the angular natural frequency. These
+    values are approximate if ``time[0]`` is after ``on_begin``, because the loaded platform
+    oscillates more slowly. Rows 4 and 5 begin in the same way at ``on_begin``. They describe the
+    oscillation after a short impact at entry.
 
     Examples
     --------

@@ -26,8 +26,9 @@ class LineRecipe:
 
     A product is "on the line" when it is published to the reject node. While the parameters of the
     nodes are set, no product is on the line, and the reject node accepts no item. After each
-    publication, the methods `set`, `change` and `restore` await the confirmation of the reject
-    node. These methods raise `RefusedError` if a node refuses a parameter or does not answer.
+    publication except that of a product whose change failed, the methods `set`, `change` and
+    `restore` await the confirmation of the reject node. These methods raise `RefusedError` if a
+    node refuses a parameter or does not answer.
 
     `line` is the client for the parameters of all nodes, `publish` publishes the product on the
     line, `clock` returns the time in ns, and `tally` returns the counts of a product in a batch.
@@ -116,7 +117,9 @@ class LineRecipe:
 
         Raises `RefusedError` if the product is too slow for the segmenter, or if a node is
         missing, does not answer or refuses a parameter. The previous parameters of all nodes are
-        then restored. Raises `HalfSetError`, a kind of `RefusedError`, if they cannot be restored.
+        then restored. If the nodes have the parameters, but the reject node does not confirm the
+        product, `RefusedError` is raised, too. The parameters are then kept, and no product is on
+        the line. Raises `HalfSetError`, a kind of `RefusedError`, if they cannot be restored.
         """
         restarted = set(self._restarted)
         await self._check_speed(product)

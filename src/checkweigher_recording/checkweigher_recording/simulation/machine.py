@@ -318,7 +318,8 @@ def _roller(draw: _Draw) -> Roller:
 
 
 def _joint(draw: _Draw, setup: Setup) -> Joint:
-    # The belt runs around two rollers, which are slightly further apart than the photo-eyes.
+    # The belt runs around two rollers, which are 10 % to 50 % further apart than the
+    # photo-eyes.
     belt = 2 * setup.weigh_length * draw.even(1.1, 1.5)
     return Joint(belt, draw.even(0.004, 0.015), draw.sign(5e-4, 5e-3))
 

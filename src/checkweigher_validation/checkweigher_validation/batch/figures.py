@@ -37,7 +37,7 @@ class PartFigures:
     reasons: dict[str, int]
     masses: NDArray[np.float64]  # mass of each accepted item, (n,)
     counts: NDArray[np.int64]  # number of items in each bin of the histogram, (bins,)
-    edges: NDArray[np.float64]  # edges of the bins, (bins + 1,)
+    edges: NDArray[np.float64]  # edges of the bins, (bins + 1,), or (0,) without accepted items
     chart: ControlChart | None
     judgement: BatchJudgement | None
     reference: ReferenceTest | None

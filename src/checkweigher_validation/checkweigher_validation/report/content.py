@@ -148,7 +148,8 @@ class Content:
     def paper_index(self, name: str, speed: float | None = None) -> float:
         """Return A in the paper (Long et al.) in kg, or NaN if the conditions are different.
 
-        A is averaged over the masses and, if `speed` is None, over the speeds.
+        The overall index A is averaged over the masses at `speed` in m/s or, if `speed` is None,
+        also over the speeds.
         """
         return comparable_index(self._evaluation, name, speed)
 

@@ -10,6 +10,7 @@ from checkweigher_core.recording import Recording
 from checkweigher_core.records import NANOSECONDS
 from checkweigher_core.whole_file import OutputError
 from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_recording.bags.definitions import BagError
 from checkweigher_recording.bags.writing import write_bag
 from checkweigher_validation.item_recording import KeepError, keep_item
 from checkweigher_web.lane import ShownItem
@@ -87,7 +88,7 @@ class Keeper:
                     advice=_ELSE,
                 )
             ) from None
-        except OutputError as error:
+        except (OutputError, BagError) as error:
             raise ActionRefusedError(str(error)) from None
         found = result.verdict
         return Text(

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Check the tare of a product with a sample of empty packages.
 
-checkweigher tare recipes.yaml --product crisps_150g --masses 3.98 4.02 4.01 --who anna
+checkweigher tare recipes.yaml --product crisps_150g --masses $(cat masses.txt) --who anna
 """
 
 import argparse
@@ -10,6 +10,8 @@ from pathlib import Path
 
 from checkweigher_bringup.commands import NAMESPACE, REQUIRED
 from checkweigher_bringup.errors import UserError
+
+_LARGEST = 1e7  # upper bound of the mass of a package in g
 
 OPTIONS = (
     ('recipes RECIPES', Path, 'recipe file'),
@@ -38,8 +40,9 @@ def run(arguments: argparse.Namespace) -> int:
     path, name = arguments.recipes, arguments.product
     if (product := read_recipes(path).get(name)) is None:
         raise UserError(f'{path}: has no product {name}')
-    if not all(0 < mass < 1e7 for mass in arguments.masses):
-        raise UserError('--masses: must be above 0, in g')
+    for mass in arguments.masses:
+        if not 0 < mass < _LARGEST:
+            raise UserError(f'--masses {mass:g}: must be above 0 g and below {_LARGEST:g} g')
     control = TareControl(tuple(mass / GRAMS for mass in arguments.masses), product.nominal)
     accepts = arguments.accept and not control.refusal
     value = {

@@ -84,7 +84,8 @@ def identify_adaptive_by_ekf(
     The filter starts from the first two samples, because with the initial state 0 it would
     attribute the whole first sample to b1. R is a multiple of the variance of the least-squares
     residual. If the poles are unstable or the result is not finite, `gain` and `b1` are the mean of
-    the window, and a1 and a2 are 0. See `identify_adaptive` for the other parameters.
+    the window, and a1 and a2 are 0. `noise` contains the settings of the Kalman filter, and
+    `identify_adaptive` describes the other parameters.
 
     Examples
     --------

@@ -86,7 +86,7 @@ class FirModel(Average):
         masses: Array,
         values: Mapping[str, float],
     ) -> dict[str, tuple[float, ...]]:
-        """Return the curve with the smallest error for the smoothness ``ridge`` in `values`."""
+        """Return the weights that `fit_fir` learns with the penalty ``ridge`` in `values`."""
         samples = [raw_samples(window) for window in windows]
         return {'weights': tuple(fit_fir(samples, masses, known.knots, values['ridge']).tolist())}
 
@@ -118,7 +118,7 @@ _LEAST_SUM = 1e-9
 
 
 def fit_fir(samples: Sequence[Array] | Array, masses: Array, count: int, ridge: float) -> Array:
-    r"""Learn the weights with the smallest error on training passes, at unity gain.
+    r"""Learn smooth weights with a small error on training passes, at unity gain.
 
     With a value of 1, knot j contributes z_j to the weighted sum of a window, and would contribute
     c_j to that of a constant load of 1. M is the true mass, and :math:`e_j = z_j - M c_j` is the

@@ -31,7 +31,8 @@ from checkweigher_dsp.signal.autoregression import pooled_autocovariance
 
 # Grid of a, b and c.
 _SHARES = tuple(product((0.03, 0.3, 3.0), (0.003, 0.03, 0.3), (0.0, 0.1, 1.0)))
-_PLAIN = (0.3, 0.03, 0.1)  # coefficients a, b and c of the plain weights, which do not depend on R
+# Coefficients a, b and c of the plain weights, which are computed from C without the term R'R / d.
+_PLAIN = (0.3, 0.03, 0.1)
 _FEWEST = 15  # smallest number of degrees of freedom from which weights are learned
 _ALONE = 0.05  # fraction of items that may have less empty belt before t1 than the weights use
 _APART = 0.02  # smallest distance between clusters as a fraction of the load
@@ -51,7 +52,7 @@ _PLATFORMS = np.geomspace(15.0, 60.0, 24)  # natural frequencies of platforms in
 _DAMPING = 0.05  # damping ratio of platforms
 _FADING = 0.1  # decay time of ringing in s
 _ROUNDING = 1e-6  # largest error of the weighted sum for a load of 1
-_LEAST_VARIANCE = 1e-18  # smallest variance in kg^2
+_LEAST_VARIANCE = 1e-18  # smallest variance in kg^2, and smallest standard deviation in kg
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,7 +211,7 @@ class _Items:
         return float(np.sqrt(np.square(errors) @ self._counts / self._freedom))
 
     def plain_weights(self) -> Array:
-        """Return the weights, (k,), for the assumed noise alone, without R."""
+        """Return the weights, (k,), for C without the term R'R / d and with `_PLAIN`."""
         weights = np.linalg.solve(self._prior(_PLAIN), self.curve)
         return np.asarray(weights / (weights @ self.curve))
 
