@@ -29,12 +29,12 @@ demo: ## Replay a recorded bag through the ROS graph in real time.
 	@./checkweigher replay bags/paper_60 --rate 1
 	@echo 'next, a line with its page: ./checkweigher run --page --folder my_machine (docs/page.md)'
 
-# Tests wait for lines in real time: four at once, also on two cores. They start hundreds of
+# Tests wait for lines in real time: three at once, also on two cores. They start hundreds of
 # processes, which share their compiled modules even if the user's Python writes none. Each process
 # has one thread for linear algebra, because idle threads of OpenBLAS keep the cores busy.
 test: lint ## Check the code, then run all tests; PYTEST_ARGS='-n 0 -k name -x' are handed on.
 	@$(IN_ENVIRONMENT) ROS_PYTHON_CHECK_FIELDS=1 ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST \
-	  PYTHONDONTWRITEBYTECODE= OPENBLAS_NUM_THREADS=1 python3 -m pytest -n 4 --dist loadfile --no-loadscope-reorder $(PYTEST_ARGS)
+	  PYTHONDONTWRITEBYTECODE= OPENBLAS_NUM_THREADS=1 python3 -m pytest -n 3 --dist loadfile --no-loadscope-reorder $(PYTEST_ARGS)
 
 test-pythons: ## Run `make test` of the latest commit with each of PYTHONS, in log/python3.11 and so on.
 	@for python in $(PYTHONS); do \

@@ -19,8 +19,8 @@ settings.register_profile('test', derandomize=True, database=None, **_COMMON)
 settings.register_profile('soak', derandomize=False, print_blob=True, **_COMMON)
 
 
-# Packages whose tests start lines, pages and gateways, and wait for them.
-_WITH_PROCESSES = tuple(f'src/checkweigher_{name}/' for name in ('bringup', 'gateways', 'web'))
+# Packages whose tests wait for lines, devices, pages and gateways.
+_WITH_PROCESSES = tuple(f'src/checkweigher_{name}/' for name in ('bringup', 'driver', 'gateways', 'web'))
 
 
 def pytest_configure(config: pytest.Config) -> None:

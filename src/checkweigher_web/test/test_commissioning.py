@@ -133,7 +133,10 @@ def test_a_new_line_is_calibrated_tuned_and_runs_by_the_page_alone(tmp_path: Pat
         ben.make('End')
         ben.said('of 1000 passes of 200 g recorded')
         ben.until(lambda: ' passes of 200 g at 60 m/min' in ben.text('.dynamic .lines'))
-        ben.until(lambda: 'recorded passes: 500 g at 60 m/min' in ben.text('.dynamic .doubts'))
+        ben.until(lambda: 'fill in the plan of Verify first' in ben.text('.dynamic .doubts'))
+        ben.plan(tmp_path / 'heavier.yaml', SHORT_PLAN.replace('194.5', '590'))
+        ben.commission('3 Dynamic')
+        ben.until(lambda: 'recorded passes: 590 g at 60 m/min' in ben.text('.dynamic .doubts'))
         assert ben.text('.foot > button') == 'Record passes'
         ben.plan(tmp_path / 'plan.yaml', SHORT_PLAN)  # of two masses at this speed
         ben.commission('3 Dynamic')
@@ -154,8 +157,9 @@ def test_a_new_line_is_calibrated_tuned_and_runs_by_the_page_alone(tmp_path: Pat
 
         ben.commission('4 Limits')
         ben.fill('Lower limit', '190')
-        ben.until_done('Set the limits', 'the limits are 190 g and none')
-        ben.until(lambda: 'no product is selected' in ben.standing('4 Limits'))
+        ben.make('Set the limits')
+        ben.said('✗', 'select a product first')
+        assert 'no product is selected' in ben.standing('4 Limits')
         browser.get(f'http://127.0.0.1:{line.port}/')
         # The line uses the trained parameters and the calibration.
         ben.until(lambda: 'tvlpf' in ben.text('[aria-label=Item] .about'))

@@ -17,6 +17,8 @@ from checkweigher_web.work.services import ActionRefusedError
 class Services:
     """Services of a lane that answer with a text, or refuse with this text."""
 
+    product = None  # no message has arrived
+
     def __init__(self, text: str, *, refuse: bool = False) -> None:
         self._text, self._refuse = text, refuse
 
