@@ -74,8 +74,12 @@ def run(arguments: argparse.Namespace) -> int:
         if len(bags) > 1:
             return _reports_of(result_names(bags), arguments)
         (arguments.procedure,) = bags
-    verdict = verification.verify(arguments)
-    print(f'{arguments.output}: {verdict}; {arguments.output / "report.html"} has all readings')
+    return _tell(verification.verify(arguments), arguments.output)
+
+
+def _tell(verdict: str, folder: Path) -> int:
+    """Print a verdict, and return the exit status: 0 for "passed", otherwise 1."""
+    print(f'{folder}: {verdict}; {folder / "report.html"} has all readings')
     return 0 if verdict == 'passed' else 1
 
 
@@ -94,8 +98,7 @@ def _verify_by_line(arguments: argparse.Namespace) -> int:
             raise UserError('--output: must be given with --bags, --from, --params or --log')
     _, text = plan_of(arguments.plan)
     verdict, folder = verify_line(check_namespace(arguments.namespace), text)
-    print(f'{folder}: {verdict}; {folder}/report.html has all readings')
-    return 0 if verdict == 'passed' else 1
+    return _tell(verdict, Path(folder))
 
 
 def _reports_of(bags: dict[str, str], arguments: argparse.Namespace) -> int:
