@@ -12,7 +12,7 @@ export default {
           <polyline :points="points"/></svg>
       </div>
       <div v-for="[name, text, used] in shown.rules" :key="name" class="rule">
-        <span>{{ name }}</span>
+        <span>{{ name }}: </span>
         <div class="bar" aria-hidden="true" v-if="used !== null">
           <i :class="{ broken: used > 1 }" :style="{ width: 100 * Math.min(used, 1) + '%' }"></i>
         </div>

@@ -25,6 +25,9 @@ _SILENT_BLOCKS = 5.0  # longest time without samples before an error, in duratio
 _RATE_TOLERANCE = 0.005  # largest relative error of the nominal sample rate without a warning
 _LONGEST_BLOCKED = 10.0  # longest time in s for which a product normally blocks an eye
 _ONE_EYED = 10  # edges of one eye in a minute from which on an error is shown if the other has none
+_PAIRS = (Eye.INFEED, Eye.OUTFEED), (Eye.OUTFEED, Eye.INFEED)
+# Ratio of the edges of one eye to those of the other above which an eye may be dirty.
+_MANY_MORE = 1.5
 _GAPS, _LOST, _AGAIN = 'gaps', 'samples_lost', 'blocks_doubled_or_late'
 _RESTARTS, _SATURATED = 'source_restarts', 'samples_saturated'
 # Names of the counts, each with the noun that follows its number in messages.
@@ -203,7 +206,17 @@ class EyeWatch:
                 f'only the {other.name.lower()} eye has switched in the last minute',
                 f'check the {eye.name.lower()} eye, its wiring and its alignment',
             )
-            for eye, other in ((Eye.INFEED, Eye.OUTFEED), (Eye.OUTFEED, Eye.INFEED))
+            for eye, other in _PAIRS
+        ]
+        concerns += [
+            warn_if(
+                lately[other] >= _ONE_EYED and lately[eye] > _MANY_MORE * lately[other],
+                f'the {eye.name.lower()} eye has switched {lately[eye]} times in the last minute, '
+                f'but the {other.name.lower()} eye {lately[other]} times',
+                f'clean the {eye.name.lower()} eye and check its alignment: a dirty eye switches '
+                'several times at a product',
+            )
+            for eye, other in _PAIRS
         ]
         if any(lately.values()):
             well = 'both switch' if all(lately.values()) else 'few products in the last minute'

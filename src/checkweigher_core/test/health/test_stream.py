@@ -185,3 +185,21 @@ def test_an_eye_that_is_blind_or_stays_blocked_is_found():
     eyes.add(21.0, EyeEdge(0, Eye.OUTFEED, False))
     eyes.look(21.0)
     assert eyes.finding(21.0).level == Level.OK
+
+
+def test_an_eye_that_switches_more_often_than_the_other_is_found():
+    eyes = EyeWatch()
+    for second in range(10):
+        for eye, times in ((Eye.INFEED, 2), (Eye.OUTFEED, 2 + 2 * (second > 5))):
+            for number in range(times):
+                eyes.add(second + 0.1 * number, EyeEdge(0, eye, number % 2 == 0))
+    finding = eyes.finding(10.0)
+    assert finding.level == Level.OK
+    for number in range(4):
+        eyes.add(10.0 + 0.1 * number, EyeEdge(0, Eye.OUTFEED, number % 2 == 0))
+    finding = eyes.finding(11.0)
+    assert (finding.level, finding.text) == (
+        Level.WARN,
+        'the outfeed eye has switched 32 times in the last minute, but the infeed eye 20 times',
+    )
+    assert finding.hint.startswith('clean the outfeed eye')

@@ -18,7 +18,7 @@ from checkweigher_core.health.findings import (
     warn_if,
 )
 from checkweigher_core.printable import counted
-from checkweigher_core.records import NANOSECONDS, MassEstimate, StopRequest, Verdict
+from checkweigher_core.records import NANOSECONDS, Decision, MassEstimate, StopRequest, Verdict
 from checkweigher_core.records.reasons import Reason
 
 _TOO_MANY_FAILED = 0.05  # minimum fraction of failed items for a warning
@@ -39,6 +39,7 @@ _FREQUENCY_CHANGE = 0.2
 _SWINGS = 0.5  # damping ratio from which the frequency is ignored, because it is uncertain
 _UNCERTAIN = 0.5  # fraction of max_relative_std_dev above which a warning is given
 _MAX_EDGES = 200  # maximum number of stored outfeed edges
+_ALIKE = 10  # number of successive items below or above the limits for a warning
 _NO_MASSES = 3  # number of successive items without a mass for an error
 
 
@@ -193,6 +194,8 @@ class VerdictTiming:
         self._late = RecentValues()
         self._masses = RecentItems()
         self._counts: Counter[str] = Counter()
+        # Decision of the latest verdict, and number of latest verdicts in a row with this decision.
+        self._row = Decision.ACCEPT, 0
 
     def add_edge(self, now: float, stamp: int) -> None:
         """Add an outfeed edge that arrived at `now` in s; its stamp is in ns."""
@@ -203,6 +206,8 @@ class VerdictTiming:
     def add(self, now: float, verdict: Verdict) -> None:
         """Add a verdict that was published at `now` in s."""
         self._counts.update((verdict.decision.name, *verdict.reasons))
+        decision, count = self._row
+        self._row = verdict.decision, count + 1 if verdict.decision == decision else 1
         missing = () if verdict.estimate_id else (Reason.NO_ESTIMATE.value,)
         self._masses.add(now, missing)
         if verdict.late:
@@ -224,6 +229,7 @@ class VerdictTiming:
         for recent in (self._latency, self._margin, self._late):
             recent.forget(now)
         latency, margin = 1e3 * self._latency.median, self._margin.smallest
+        decision, count = self._row
         values: Values = {
             'latency_median_ms': latency,
             'latency_max_ms': 1e3 * self._latency.largest,
@@ -242,6 +248,11 @@ class VerdictTiming:
                 deadlines and margin < verdict_margin,
                 f'a verdict came only {1e3 * margin:.0f} ms before its reject time',
                 'check the load on this machine; a more distant rejector leaves more time',
+            ),
+            warn_if(
+                count >= _ALIKE and decision in (Decision.UNDER, Decision.OVER),
+                f'the last {count} items were {decision.name}',
+                'see whether the product on the belt is the selected one, and check its limits',
             ),
         ]
         has_come = f'{latency:.1f} ms after the outfeed edge'

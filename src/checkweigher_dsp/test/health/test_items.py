@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is told of items that fail, of masses that are uncertain, and of verdicts that are late."""
 
+from dataclasses import replace
+
 import pytest
 
 from checkweigher_core.health.findings import Level
@@ -117,6 +119,18 @@ def test_a_late_verdict_is_an_error_for_a_minute():
     watch.add(1.0, verdict(1, late=True))
     assert watch.verdicts(2.0, 0.05, deadlines=True).level == Level.ERROR
     assert watch.verdicts(62.0, 0.05, deadlines=True).level == Level.OK
+
+
+def test_many_items_in_a_row_beyond_a_limit_are_told():
+    watch = VerdictTiming()
+    for number in range(1, 10):
+        watch.add(number, replace(verdict(number), decision=Decision.OVER))
+    assert watch.verdicts(9.0, 0.05, deadlines=True).level == Level.OK
+    watch.add(10.0, replace(verdict(10), decision=Decision.OVER))
+    finding = watch.verdicts(10.0, 0.05, deadlines=True)
+    assert (finding.level, finding.text) == (Level.WARN, 'the last 10 items were OVER')
+    watch.add(11.0, verdict(11))
+    assert watch.verdicts(11.0, 0.05, deadlines=True).level == Level.OK
 
 
 def test_items_without_a_mass_name_the_stage_that_is_missing():

@@ -42,6 +42,11 @@ TEXTS = (
     Text('no load_cell/info has arrived'),
     Text('the {eye} eye has been blocked for {seconds} s'),
     Text('only the {eye} eye has switched in the last minute'),
+    Text(
+        'the {eye} eye has switched {many_count} times in the last minute, but the {other} eye '
+        '{count} times'
+    ),
+    Text('the last {count} items were {word}'),
     Text('infeed'),
     Text('outfeed'),
     Text('the load lags {time} ms more behind the eyes than rise_lag states'),
@@ -162,6 +167,11 @@ HINTS = (
     Text('compare the sample rate of the load cell with load_cell/info'),
     Text('check that the driver runs and publishes it with QoS reliable, transient local'),
     Text('check for a jammed product, dirt, and the alignment of the eye'),
+    Text(
+        'clean the {eye} eye and check its alignment: a dirty eye switches several times at a '
+        'product'
+    ),
+    Text('see whether the product on the belt is the selected one, and check its limits'),
     Text('check the {eye} eye, its wiring and its alignment'),
     Text('measure it by calibrate --dynamic, or set rise_lag to the delay of the amplifier'),
     Text('check the filter of the amplifier, the clocks, and the place and delay of the eyes'),
