@@ -135,6 +135,7 @@ def test_a_new_line_is_calibrated_tuned_and_runs_by_the_page_alone(tmp_path: Pat
         ben.until(lambda: ' passes of 200 g at 60 m/min' in ben.text('.dynamic .lines'))
         ben.until(lambda: 'fill in the plan of Verify first' in ben.text('.dynamic .doubts'))
         ben.plan(tmp_path / 'heavier.yaml', SHORT_PLAN.replace('194.5', '590'))
+        browser.refresh()  # a reloaded page has the plan that was edited last
         ben.commission('3 Dynamic')
         ben.until(lambda: 'recorded passes: 590 g at 60 m/min' in ben.text('.dynamic .doubts'))
         assert ben.text('.foot > button') == 'Record passes'

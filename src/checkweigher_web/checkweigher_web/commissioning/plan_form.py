@@ -186,6 +186,32 @@ def _fitted(section: Any, loads: Iterable[str], load: str, speed: float) -> Any:
     return {key: own.get(key, value) for key, value in section.items()}
 
 
+def without_mass(text: str, name: str) -> str:
+    """Return the text of a plan without a reference mass.
+
+    A test of this mass alone gets the mass in the middle of the list of the others. Raises
+    `ParameterError` as `fields_of` does.
+    """
+    plan = _sections(text)
+    plan['references'] = {k: v for k, v in (plan.get('references') or {}).items() if k != name}
+    plan['loads'] = loads = [each for each in plan.get('loads') or [] if each != name]
+    for section in _tests_in(plan):
+        if section.get('load') == name and loads:
+            section['load'] = loads[len(loads) // 2]
+        if isinstance(section.get('loads'), list):
+            section['loads'] = [each for each in section['loads'] if each != name]
+    return _dumped(plan)
+
+
+def _tests_in(plan: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    """Yield the section of each test, and each part of a section that is a list."""
+    for key in TESTS:
+        section = plan.get(key)
+        for each in section if isinstance(section, list) else [section]:
+            if isinstance(each, dict):
+                yield each
+
+
 def summary(text: str, known: LineFacts) -> tuple[Text, list[tuple[Text, str]], list[Text]]:
     """Return a summary of a plan, its steps as rows, and lines on its shortcomings.
 

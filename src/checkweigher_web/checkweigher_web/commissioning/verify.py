@@ -35,6 +35,7 @@ from checkweigher_web.commissioning.plan_form import (
     summary,
     with_test,
     with_value,
+    without_mass,
 )
 from checkweigher_web.commissioning.step import Choice, Standing, Step
 from checkweigher_web.elements import (
@@ -59,6 +60,9 @@ _STATES = {
     ProgressState.ASKING: Text('Do this, then press "Make it": {text}'),
     ProgressState.DECIDING: Text('Failed: make it again, or go on? {text}'),
 }
+# Plan that each person edited last, by lane and person. It is kept until the server ends, so that a
+# reload of the page does not discard it.
+_drafts: dict[tuple[str, str], str] = {}
 _LONGEST_FILE = 4 * LONGEST  # maximum number of bytes that are read of a plan file
 
 
@@ -96,7 +100,11 @@ class VerifyStep(Step):
             self._table = Table((say('step'), say('what to do, or the result')))
         self._reports = ui.element('ol').classes('reports')
         named(self._reports, say('reports'))
-        self._show_text(self._new_plan())
+        self._show_text(_drafts.get(self._key, self._new_plan()))
+
+    @property
+    def _key(self) -> tuple[str, str]:
+        return self.lane.name, self.desk.person
 
     def _new_plan(self) -> str:
         return new_plan(self.desk.person, self.lane.load_cell)
@@ -139,8 +147,13 @@ class VerifyStep(Step):
         except ParameterError:  # Show no form. The summary shows the error.
             fields, tests = [], set()
         with self._form:
+            masses = sum(entry.path[-1] == 'mass_g' for entry, _ in fields)
             for entry, value in fields:
                 self._add_field(entry, value)
+                if masses > 1 and entry.path[0] == 'references' and entry.path[-1] == 'serial':
+                    name = entry.path[1]
+                    text = self.say('Leave out {name}', name=name)
+                    ui.button(text, on_click=partial(self._leave_out, name)).props('flat no-caps')
             for key, name in TESTS.items() if fields else ():
                 made = ui.checkbox(self.say(name), value=key in tests)
                 made.on_value_change(partial(self._set_test, key))
@@ -167,8 +180,15 @@ class VerifyStep(Step):
     def _set_test(self, key: str, event: object) -> None:
         self._change(with_test(self.desk.plan, key, made=bool(getattr(event, 'value', False))))
 
+    def _leave_out(self, name: str) -> None:
+        self._show_text(without_mass(self.desk.plan, name))
+
     def _take(self, text: str) -> None:
         self.desk.plan, self.desk.has_own_plan = text, text != self._new_plan()
+        if self.desk.has_own_plan:
+            _drafts[self._key] = text
+        else:
+            _drafts.pop(self._key, None)
 
     def _change(self, text: str) -> None:
         self._take(text)

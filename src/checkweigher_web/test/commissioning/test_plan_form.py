@@ -18,6 +18,7 @@ from checkweigher_web.commissioning.plan_form import (
     summary,
     with_test,
     with_value,
+    without_mass,
 )
 from checkweigher_web.languages.language import UNITS, Language, language
 
@@ -83,6 +84,17 @@ def own_plan() -> str:
 
 OWN = own_plan()
 CELL = LoadCell(960.0, 5e5, 0.0, -(2**23), 2**23, 7.2, 0.2, 'LC', '007')
+
+
+@pytest.mark.parametrize('name', ['small', 'middle', 'large'])
+def test_a_mass_is_left_out_of_all_tests(name: str):
+    plan = read_plan(without_mass(EXAMPLE, name))
+    others = [each for each in ('small', 'middle', 'large') if each != name]
+    assert [*plan.references] == [*plan.loads] == others
+    assert plan.static is not None
+    assert [*plan.static.loads] == others
+    one_load = (plan.warm_up, plan.eccentricity, plan.repeatability, *plan.outside)
+    assert all(test.load in others for test in one_load)
 
 
 def test_a_plan_says_what_cannot_be_decided():
