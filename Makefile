@@ -34,7 +34,7 @@ demo: ## Replay a recorded bag through the ROS graph in real time.
 # has one thread for linear algebra, because idle threads of OpenBLAS keep the cores busy.
 test: lint ## Check the code, then run all tests; PYTEST_ARGS='-n 0 -k name -x' are handed on.
 	@$(IN_ENVIRONMENT) ROS_PYTHON_CHECK_FIELDS=1 ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST \
-	  PYTHONDONTWRITEBYTECODE= OPENBLAS_NUM_THREADS=1 python3 -m pytest -n 3 --dist loadfile --no-loadscope-reorder $(PYTEST_ARGS)
+	  PYTHONDONTWRITEBYTECODE= OPENBLAS_NUM_THREADS=1 python3 -m pytest -n 3 --dist worksteal $(PYTEST_ARGS)
 
 test-pythons: ## Run `make test` of the latest commit with each of PYTHONS, in log/python3.11 and so on.
 	@for python in $(PYTHONS); do \

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from pathlib import Path
 import subprocess
 import sys
-from zlib import crc32
 
 from hypothesis import HealthCheck, settings
 import pytest
@@ -19,27 +18,9 @@ settings.register_profile('test', derandomize=True, database=None, **_COMMON)
 settings.register_profile('soak', derandomize=False, print_blob=True, **_COMMON)
 
 
-# Packages whose tests wait for lines, devices, pages and gateways.
-_WITH_PROCESSES = tuple(f'src/checkweigher_{name}/' for name in ('bringup', 'driver', 'gateways', 'web'))
-
-
 def pytest_configure(config: pytest.Config) -> None:
     """Choose the examples of hypothesis."""
     settings.load_profile('soak' if config.getoption('markexpr') == 'soak' else 'test')
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mix the modules, in an order that is always the same, those with processes first.
-
-    In the order of the folders, all tests in browsers would run at once, and each keeps a core
-    busy. The short tests come last, so that all workers end at the same time.
-    """
-
-    def place(item: pytest.Item) -> tuple[bool, int]:
-        module = item.nodeid.partition('::')[0]
-        return not module.startswith(_WITH_PROCESSES), crc32(module.encode())
-
-    items.sort(key=place)
 
 
 @pytest.fixture(autouse=True)
