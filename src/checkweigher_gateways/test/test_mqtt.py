@@ -81,7 +81,7 @@ def test_each_item_comes_once_though_the_gateway_is_cut_off_and_killed(
             assert {'State', 'Stop/Reason', 'Zero/Offset', 'Command/Zero'} <= set(device.metrics)
             host.send(f'spBv1.0/plant/NCMD/{NODE}', Node_Control__Rebirth=True)
             wait_for(lambda: len(host.of('DBIRTH')) == 2)
-            # What is no command or names no lane is ignored.
+            # The gateway ignores a command for an unknown lane, and JSON that is not a command.
             host.send(f'spBv1.0/plant/DCMD/{NODE}/nobody', Command__Zero=True)
             host.client.publish(f'checkweigher/{NODE}/{LANE}/command', '[1]').wait_for_publish()
             host.send(f'spBv1.0/plant/DCMD/{NODE}/{LANE}', Command__Zero=True)

@@ -61,6 +61,11 @@ class ProductOnLine:
     batch_below_tu1: int = 0
     batch_surplus: float = 0.0
 
+    @property
+    def lacks_product(self) -> bool:
+        """Whether no item is accepted, because the line needs a product and none is selected."""
+        return self.needed and not self.product
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PerformanceTest(NanEqual):

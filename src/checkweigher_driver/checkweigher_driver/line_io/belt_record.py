@@ -99,7 +99,8 @@ class BeltRecord:
             raise ParameterError(
                 f'{_NAME}: {str(path)!r}: {why}; must be a file that is kept over a restart'
             ) from None
-        self._kept: OnBelt | None = OnBelt()  # None after a failed write
+        # State of the last write, or None after a failed write whose error has been raised.
+        self._kept: OnBelt | None = OnBelt()
         self._writer = ThreadPoolExecutor(1, 'belt record')
         self._writing = self._writer.submit(lambda: None)  # future of the last write
 
@@ -144,8 +145,9 @@ class BeltRecord:
         cannot be written, OSError is raised, at once if the belt starts, otherwise by a later call
         in which `belt.released` is true. The belt must then not run. The next call writes again.
         """
-        if belt.released and self._writing.done() and (error := self._writing.exception()):
-            self._kept, self._writing = None, self._writer.submit(lambda: None)
+        is_known = self._kept is not None and self._writing.done()
+        if belt.released and is_known and (error := self._writing.exception()):
+            self._kept = None  # The next call writes again.
             raise error
         if belt == self._kept:
             return

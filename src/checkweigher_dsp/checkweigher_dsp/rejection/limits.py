@@ -79,7 +79,7 @@ def objections(estimate: MassEstimate, limits: ProductOnLine) -> list[Reason]:
     # The comparison is False if the mass or its standard deviation is NaN.
     certain = math.isfinite(estimate.mass) and 0 <= estimate.std_dev <= largest
     found = [] if certain else [Reason.NO_CONVERGENCE]
-    if limits.needed and not limits.product:
+    if limits.lacks_product:
         found.append(Reason.NO_PRODUCT)
     if _outside(length, limits.min_length, limits.max_length):
         if math.isnan(length):

@@ -74,9 +74,9 @@ class LoadCheck:
 def is_unloaded(counts: NDArray[np.int32], size: int, zero: float) -> bool:
     """Return whether the items that entered during the samples `counts`, (n,), have left.
 
-    The mean load of the last `size` samples is compared with the largest mean load of successive
-    parts of this size, of which at most 8 % may remain. `zero` is the zero in counts. If there are
-    not at least two such parts, the result is False.
+    The samples are divided into successive parts of `size` samples. The items have left if the mean
+    load of the last part is at most 8 % of the largest mean load of a part. `zero` is the zero in
+    counts. If there are fewer than two parts, the result is False.
     """
     number = len(counts) // size if size > 0 else 0
     if number < 2:

@@ -18,8 +18,8 @@ stated standard deviation of the zero. The error of the zero is nearly equal in 
 and thus not visible in R.
 
 The weights are averaged over a grid and random points of the coefficients. Each point is weighted
-by its likelihood. The likelihood is computed from the errors of the passes, each of which is
-weighed with weights that are learned from the other passes. [own derivation]
+by its likelihood, which is computed from the held-out errors of the passes: the weights for a pass
+are learned from the other passes. [own derivation]
 """
 
 from collections.abc import Mapping, Sequence

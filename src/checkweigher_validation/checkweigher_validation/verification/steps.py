@@ -60,9 +60,8 @@ class Step:
     position: str = ''  # name of the position across the belt, empty except for eccentricity.
     # Planned time in min after the first step of the warm-up, or None in other tests.
     minutes: float | None = None
-    is_new_speed: bool = (
-        False  # whether the passes before had another belt speed, or there are none
-    )
+    # Whether the passes before this step had another belt speed, or there were none.
+    is_new_speed: bool = False
 
     @property
     def at_rest(self) -> bool:

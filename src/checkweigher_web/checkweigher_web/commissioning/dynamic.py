@@ -132,12 +132,12 @@ class DynamicStep(Step):
         if self._state.is_deleted:
             return
         speeds = {round(MINUTE * each.speed) / MINUTE for each in self._known}
-        planned = loads_of(self.desk.plan) if self.desk.has_own_plan else []
-        loads = [*planned, *product(speeds, self._products)]
+        plan = self.services.plans.get(self.desk.person, '')
+        loads = [*loads_of(plan), *product(speeds, self._products)]
         self._lacking = lines_of(not_covered(self._known, loads))
         self._recorded.show(self.say(_words(each)) for each in self._known)
         self._recorded.set_visibility(bool(self._known))
-        hints = [] if self.desk.has_own_plan else [_PLAN_FIRST]
+        hints = [] if plan else [_PLAN_FIRST]
         self._doubts.show(map(self.say, [*hints, *self._lacking]))
         self._doubts.set_visibility(bool(hints or self._lacking))
 

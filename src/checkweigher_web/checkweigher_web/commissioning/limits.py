@@ -39,7 +39,7 @@ class LimitsStep(Step):
         product = self.services.product
         if product is None:
             return Standing(False, Text('the line has not said its limits yet'))
-        if product.needed and not product.product:
+        if product.lacks_product:
             return Standing(False, Text('no product is selected, so nothing is accepted'))
         now = actions.limits(self.services)
         if not (math.isfinite(now.lower) or math.isfinite(now.upper)):

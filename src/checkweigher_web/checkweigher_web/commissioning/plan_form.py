@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Form for a verification plan. A change in the form changes the text of the plan."""
 
-from collections.abc import Iterable, Iterator, Mapping
-from functools import reduce
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import cache, reduce
 import json
 import math
 from typing import Any, NamedTuple
@@ -101,22 +101,27 @@ class LineFacts(NamedTuple):
 
 
 def new_plan(operator: str, load_cell: LoadCell | None) -> str:
-    """Return the example plan with an operator, and with the serial number of a load cell.
+    """Return the example plan with an operator, and with the type and serial number of a load cell.
 
-    If `operator` or the serial number is empty, or if `load_cell` is None, the value of the example
-    is kept.
+    The value of the example is kept instead of an empty one, and if `load_cell` is None.
     """
-    text, example = EXAMPLE, read_plan(EXAMPLE)
+    text, example = EXAMPLE, _values_of_example()
     model, serial = (load_cell.model, load_cell.serial_number) if load_cell else ('', '')
-    known = (
-        (example.operator, operator),
-        (example.load_cell['type'], model),
-        (example.load_cell['serial'], serial),
-    )
-    for before, value in known:
+    known = {
+        ('operator',): operator,
+        ('load_cell', 'type'): model,
+        ('load_cell', 'serial'): serial,
+    }
+    for path, value in known.items():
+        before = example[path]
         if value:  # Replace the text of the value, because the comments of the plan must stay.
             text = text.replace(f': {before}\n', f': {json.dumps(value)}\n')
     return text
+
+
+@cache
+def _values_of_example() -> dict[tuple[str, ...], str]:
+    return {field.path: value for field, value in fields_of(EXAMPLE)}
 
 
 def fields_of(text: str, say: Language = ENGLISH) -> list[tuple[Field, str]]:
@@ -170,7 +175,7 @@ def with_test(text: str, key: str, *, made: bool) -> str:
     if made:
         loads = plan.get('loads') or ['']
         speed, *_ = plan.get('speeds_m_per_min') or [0.0]
-        plan[key] = _fitted(_sections(EXAMPLE)[key], loads, loads[len(loads) // 2], speed)
+        plan[key] = _fitted(_sections(EXAMPLE)[key], loads, _middle(loads), speed)
     return _dumped(plan)
 
 
@@ -197,10 +202,14 @@ def without_mass(text: str, name: str) -> str:
     plan['loads'] = loads = [each for each in plan.get('loads') or [] if each != name]
     for section in _tests_in(plan):
         if section.get('load') == name and loads:
-            section['load'] = loads[len(loads) // 2]
+            section['load'] = _middle(loads)
         if isinstance(section.get('loads'), list):
             section['loads'] = [each for each in section['loads'] if each != name]
     return _dumped(plan)
+
+
+def _middle(loads: Sequence[str]) -> str:
+    return loads[len(loads) // 2]
 
 
 def _tests_in(plan: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
@@ -247,11 +256,11 @@ def summary(text: str, known: LineFacts) -> tuple[Text, list[tuple[Text, str]], 
 
 def _as_in_example(text: str) -> Iterator[Text]:
     """Yield a line with the fields whose values are still those of the example, if any are."""
-    example = dict(fields_of(EXAMPLE))
+    example = _values_of_example()
     names = [
         field.label
         for field, value in fields_of(text)
-        if field.path[-1] in _OWN and value == example.get(field)
+        if field.path[-1] in _OWN and value == example.get(field.path)
     ]
     if names:
         yield Text('Still as in the example plan: {fields}', fields=_listed(names))

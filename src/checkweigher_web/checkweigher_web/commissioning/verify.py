@@ -60,9 +60,6 @@ _STATES = {
     ProgressState.ASKING: Text('Do this, then press "Make it": {text}'),
     ProgressState.DECIDING: Text('Failed: make it again, or go on? {text}'),
 }
-# Plan that each person edited last, by lane and person. It is kept until the server ends, so that a
-# reload of the page does not discard it.
-_drafts: dict[tuple[str, str], str] = {}
 _LONGEST_FILE = 4 * LONGEST  # maximum number of bytes that are read of a plan file
 
 
@@ -100,11 +97,7 @@ class VerifyStep(Step):
             self._table = Table((say('step'), say('what to do, or the result')))
         self._reports = ui.element('ol').classes('reports')
         named(self._reports, say('reports'))
-        self._show_text(_drafts.get(self._key, self._new_plan()))
-
-    @property
-    def _key(self) -> tuple[str, str]:
-        return self.lane.name, self.desk.person
+        self._show_text(self.services.plans.get(self.desk.person) or self._new_plan())
 
     def _new_plan(self) -> str:
         return new_plan(self.desk.person, self.lane.load_cell)
@@ -134,12 +127,12 @@ class VerifyStep(Step):
             self.tell(Outcome(False, f'{name}: {error}'))
 
     def _edit(self) -> None:
-        if (text := str(self._plan.value or '')) != self.desk.plan:
+        if (text := str(self._plan.value or '')) != self._text:
             self._show_text(text)
 
     def _show_text(self, text: str) -> None:
         """Show the text of a plan, and its values in the form. An invalid text has no form."""
-        self._take(text)
+        self._store(text)
         self._plan.set_value(text)
         self._form.clear()
         try:
@@ -152,8 +145,8 @@ class VerifyStep(Step):
                 self._add_field(entry, value)
                 if masses > 1 and entry.path[0] == 'references' and entry.path[-1] == 'serial':
                     name = entry.path[1]
-                    text = self.say('Leave out {name}', name=name)
-                    ui.button(text, on_click=partial(self._leave_out, name)).props('flat no-caps')
+                    label = self.say('Leave out {name}', name=name)
+                    ui.button(label, on_click=partial(self._leave_out, name)).props('flat no-caps')
             for key, name in TESTS.items() if fields else ():
                 made = ui.checkbox(self.say(name), value=key in tests)
                 made.on_value_change(partial(self._set_test, key))
@@ -175,30 +168,28 @@ class VerifyStep(Step):
 
     def _set_value(self, path: tuple[str, ...], event: object) -> None:
         value = str(getattr(event, 'value', '') or '')
-        self._change(with_value(self.desk.plan, path, value, self.say))
+        self._change(with_value(self._text, path, value, self.say))
 
     def _set_test(self, key: str, event: object) -> None:
-        self._change(with_test(self.desk.plan, key, made=bool(getattr(event, 'value', False))))
+        self._change(with_test(self._text, key, made=bool(getattr(event, 'value', False))))
 
     def _leave_out(self, name: str) -> None:
-        self._show_text(without_mass(self.desk.plan, name))
+        self._show_text(without_mass(self._text, name))
 
-    def _take(self, text: str) -> None:
-        self.desk.plan, self.desk.has_own_plan = text, text != self._new_plan()
-        if self.desk.has_own_plan:
-            _drafts[self._key] = text
-        else:
-            _drafts.pop(self._key, None)
+    def _store(self, text: str) -> None:
+        """Store the text of the plan for this page, and as the user's own unless it is new."""
+        self._text = text
+        self.services.plans[self.desk.person] = '' if text == self._new_plan() else text
 
     def _change(self, text: str) -> None:
-        self._take(text)
+        self._store(text)
         self._plan.set_value(text)
         self._show_summary()
 
     def _show_summary(self) -> None:
         known = self._known
-        line, rows, doubts = summary(self.desk.plan, self._facts())
-        doubts += lines_of(not_covered(known, loads_of(self.desk.plan))) if known else []
+        line, rows, doubts = summary(self._text, self._facts())
+        doubts += lines_of(not_covered(known, loads_of(self._text))) if known else []
         self._found.set_text(self.say(line))
         self._doubts.show(map(self.say, doubts))
         self._doubts.set_visibility(bool(doubts) and self._choice.visible)
@@ -288,7 +279,7 @@ class VerifyStep(Step):
 
     async def _begin(self) -> None:
         async def verify() -> str:
-            answer = await self.services.do(ports.RUN_VERIFICATION, plan=self.desk.plan)
+            answer = await self.services.do(ports.RUN_VERIFICATION, plan=self._text)
             verdict = str(answer.message)
             return Text('the verification has ended: {verdict}', verdict=verdict)
 

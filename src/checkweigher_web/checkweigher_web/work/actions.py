@@ -157,7 +157,7 @@ async def set_limits(services: LaneServices, wanted: MassLimits) -> str:
     then changed.
     """
     now = services.product
-    if now is not None and now.needed and not now.product:
+    if now is not None and now.lacks_product:
         text = Text('no limits are set, because nothing is accepted: select a product first')
         raise ActionRefusedError(text)
     # The node would also refuse this, but its message would contain the masses in kg.

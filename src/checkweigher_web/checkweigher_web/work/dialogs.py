@@ -13,7 +13,6 @@ from nicegui.element import Element
 from checkweigher_core.printable import one_line
 from checkweigher_validation.batch.signatures import Signature
 from checkweigher_validation.batch.signing import Signable, SigningError
-from checkweigher_validation.verification.plan import EXAMPLE
 from checkweigher_web.access.guard import Access
 from checkweigher_web.access.throttle import keys_of
 from checkweigher_web.access.users import Role, WrongPasswordError, sign_by
@@ -42,7 +41,7 @@ class Desk:
     """Access of one user to a lane, with the role, the actions and the signatures of the user.
 
     `services` returns the services of the lane, and `auditor` reads its audit log. `say` is the
-    language of the user, and `plan` is the text of the verification plan that the user edits.
+    language of the user.
     """
 
     def __init__(
@@ -58,8 +57,6 @@ class Desk:
         self.services = services
         self.auditor = auditor
         self.users = access.users
-        self.plan = EXAMPLE
-        self.has_own_plan = False  # whether the user has changed the example or chosen another plan
         self.needs_reason = False  # whether the recipe in use requires a reason for each action
         self._access = access
         self._client = ui.context.client

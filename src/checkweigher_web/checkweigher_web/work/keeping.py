@@ -22,9 +22,10 @@ _ELSE = Text('record the line, and cut the item out with checkweigher keep')
 
 
 class Keeper:
-    """Writer of bags to `folder`, each of which contains one item.
+    """Writer of bags with one item each to `folder`.
 
-    An item is weighed again before its bag is written. Only one item is processed at a time.
+    The writer weighs an item again before it writes the bag of the item. Only one item is processed
+    at a time.
     """
 
     def __init__(self, folder: Path) -> None:

@@ -133,6 +133,9 @@ class LaneServices(PortNode):
         Readings of loads for the next calibration.
     calibrated : Text or None
         Text on the latest calibration that the page has written, or None if it has written none.
+    plans : dict of str to str
+        Text of the verification plan that each user edited last, by user name, or '' for a plan
+        that is still the example.
     setting, test, verification, product
         Latest message about the dynamic setting, the performance test, the verification and the
         product on the line, or None if no message has arrived.
@@ -152,6 +155,7 @@ class LaneServices(PortNode):
         self._has_log = False
         self.readings: list[LoadRead] = []
         self.calibrated: Text | None = None
+        self.plans: dict[str, str] = {}
         self.setting: DynamicSetting | None = None
         self.test: PerformanceTest | None = None
         self.verification: VerificationProgress | None = None
