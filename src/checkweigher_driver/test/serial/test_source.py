@@ -47,8 +47,8 @@ def travel(name, values, options, link):
     try:
         reader = Reader(make(name, link, **values))
         reader.wait_for_samples(2400)
-        note('well')
         end = reader.end_index
+        note('well')
         for command in ('lose 3', 'corrupt'):
             lost = reader.source.figures()['samples lost']
             device.tell(command)
@@ -95,6 +95,7 @@ def stopped(link):
     """Return the figures of a source whose stream another program stops."""
     with streaming(link) as (machine, reader):
         machine.tell('stop')
+        reader.wait_for(lambda: reader.source.figures()['breaks'])
         reader.wait_for_samples(50)
     return reader.source.figures()
 
@@ -156,7 +157,9 @@ def test_stamps_follow_the_samples(journey):
     blocks = journey.well
     stamps = np.array([b.stamp for b in blocks])
     indices = np.array([b.first_index for b in blocks])
-    assert np.all(np.diff(stamps) > 0)
+    # A machine so busy that all reads of the first second are late begins a new line.
+    figures = journey.figures['well']
+    assert np.sum(np.diff(stamps) <= 0) <= figures['clock steps'] + figures['clock shifts']
     off = (stamps - stamps[0]) / 1e9 - (indices - indices[0]) / RATE
     # A busy machine reads some blocks late, and learns of it only afterwards.
     assert np.median(np.abs(off - np.median(off))) < 0.02
