@@ -196,24 +196,41 @@ class _Guide:
         steps = steps_of(self._plan)
         self._operator.begin(steps)
         for number, step in enumerate(steps):
-            is_made = False
-            while not is_made:
-                is_made = self._make(number, step)
+            asks = not self._leaves_belt_empty(step)
+            while not self._make(number, step, asks=asks):
                 self._check_bag()
+                asks = True
+            self._check_bag()
         end = self._node.latest + round(_TRAIL * NANOSECONDS)
         patience = time.monotonic() + 4 * _TRAIL
         while self._node.latest < end and time.monotonic() < patience:
             time.sleep(_POLL_PERIOD)
 
-    def _make(self, number: int, step: Step) -> bool:
+    def _leaves_belt_empty(self, step: Step) -> bool:
+        """Return whether a step is a further reading of the belt that was just read empty.
+
+        The operator has nothing to do for such a step, so it begins without a question.
+        """
+        last = self._attempts[-1] if self._attempts else None
+        return (
+            step.kind is StepKind.ZERO
+            and last is not None
+            and last.step.kind in (StepKind.ZEROING, StepKind.ZERO)
+            and not last.skipped
+        )
+
+    def _make(self, number: int, step: Step, *, asks: bool) -> bool:
         """Guide the operator through a step, and return whether it was completed or skipped.
 
-        If False is returned, the step must be repeated, because it could not be measured, or
-        because it failed and the operator decided to repeat it.
+        If `asks` is false, the step begins at once, otherwise when the operator has followed its
+        instruction. If False is returned, the step must be repeated, because it could not be
+        measured, or because it failed and the operator decided to repeat it.
         """
         self._wait_for_warm_up(step)
         node = self._node
-        if reason := self._operator.asked(number, step):
+        if not asks:
+            self._operator.start(number)
+        elif reason := self._operator.asked(number, step):
             now = node.latest
             node.tell(VerificationStep(now, step.name, StepState.SKIPPED, None, reason))
             self._attempts.append(Attempt(step, now, now, skipped=reason))

@@ -62,8 +62,12 @@ class Operator:
         if answer is StepAnswer.SKIP:
             self._set_result(number, f'skipped: {reason}')
             return reason
-        self._change(state=ProgressState.MAKING, text='', lines=())
+        self.start(number)
         return ''
+
+    def start(self, number: int) -> None:
+        """Publish that a step is being made."""
+        self._change(state=ProgressState.MAKING, step=number, text='', lines=())
 
     def goes_on(self, number: int, found: str, *, passed: bool) -> bool:
         """Publish the result of a step. If the step failed, ask whether it must be repeated.

@@ -226,7 +226,7 @@ def test_an_operator_is_guided_and_the_bag_gives_the_report_again(tmp_path: Path
             question, again = '', iter(('r', ''))
             while 'zero_after' not in question:
                 question = dialogue.asked().splitlines()[-1]
-                if 'zero_2' in question:  # amid the steps the line is made another one
+                if 'warm_up_0.02' in question:  # amid the steps the line is made another one
                     spinner.call(lambda: reject.set_parameters([wider]))
                     with AuditLog(audit_log) as log:
                         for minute, old, new in ((0, 0.5, 0.6), (1, 0.6, 0.5)):  # and back again
@@ -238,7 +238,7 @@ def test_an_operator_is_guided_and_the_bag_gives_the_report_again(tmp_path: Path
                             '2026-05-28T21:00:00', '/reject', 'parameter', 'max_speed', 'inf', 2.5
                         )
                 if '/9 ' in question:
-                    dialogue.answer('no weights' if 'zero_2' in question else '')
+                    dialogue.answer('no weights' if 'warm_up_0.02' in question else '')
                 else:  # passes of small that were none are made once more
                     assert 'Type r to repeat the step' in question
                     dialogue.answer(next(again))
@@ -253,13 +253,13 @@ def test_an_operator_is_guided_and_the_bag_gives_the_report_again(tmp_path: Path
     made = [(step['name'], step['verdict']) for step in report['steps']]
     assert made == [
         ('warm_up_zero_0', 'passed'), ('warm_up_0', 'passed'), ('warm_up_zero_0.02', 'passed'),
-        ('warm_up_0.02', 'passed'), ('zero_1', 'passed'), ('zero_2', 'skipped'),
+        ('warm_up_0.02', 'skipped'), ('zero_1', 'passed'), ('zero_2', 'passed'),
         ('passes_60_middle', 'passed'), ('passes_60_small', 'failed'),
         ('passes_60_small', 'failed'), ('zero_after', 'passed'),
     ]  # fmt: skip
     assert report['verdict'] == 'failed'
     steps = {step['name']: step for step in report['steps']}
-    assert steps['zero_2']['why'] == ['no weights']
+    assert steps['warm_up_0.02']['why'] == ['no weights']
     assert steps['passes_60_middle']['count'] == 2
     assert steps['passes_60_small']['error_g'] == pytest.approx(120, abs=0.5)
     assert steps['passes_60_middle']['passes'][0]['speed_m_per_min'] == pytest.approx(60, rel=0.01)

@@ -31,9 +31,9 @@ from checkweigher_web.work.services import ActionRefusedError
 # pass. Measured with `checkweigher tune` on 20 to 360 passes at one to three speeds.
 _TRAINING, _TRAINING_OF_PASS = 5.0, 0.045
 _MANY = 100_000  # upper bound of the number of passes, exclusive
-_PLAN_FIRST = Text(
-    'If the machine will be verified, fill in the plan of Verify first: this step then lists the '
-    'masses and speeds that the plan needs.'
+_FOR_VERIFICATION = Text(
+    'The plan of Verify begins with the masses and speeds that are recorded here. A machine that '
+    'will be verified needs a mass close to Min, one close to Max, and one of about a third of Max.'
 )
 _PHASES = {
     'reading': Text('reading the passes'),
@@ -137,7 +137,7 @@ class DynamicStep(Step):
         self._lacking = lines_of(not_covered(self._known, loads))
         self._recorded.show(self.say(_words(each)) for each in self._known)
         self._recorded.set_visibility(bool(self._known))
-        hints = [] if plan else [_PLAN_FIRST]
+        hints = [] if plan else [_FOR_VERIFICATION]
         self._doubts.show(map(self.say, [*hints, *self._lacking]))
         self._doubts.set_visibility(bool(hints or self._lacking))
 

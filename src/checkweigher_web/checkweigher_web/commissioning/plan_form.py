@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache, reduce
 import json
 import math
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import yaml
@@ -23,6 +24,7 @@ from checkweigher_validation.verification.expectation import (
 )
 from checkweigher_validation.verification.plan import EXAMPLE, MINUTE, read_plan
 from checkweigher_validation.verification.steps import Step, steps_of
+from checkweigher_web.commissioning.coverage import Recorded
 from checkweigher_web.languages.language import ENGLISH, Language, Mass, Text
 from checkweigher_web.languages.wording import from_node
 
@@ -64,8 +66,9 @@ _OF_MASS = (
 )
 _NUMBERS = 'factor', 'passes'
 # Keys whose values differ with each verification. The page names those of them whose values are
-# still those of the example plan.
-_OWN = 'operator', 'place', 'environment', 'maker', 'type', 'certificate', 'serial'
+# still those of the example plan or of a new plan.
+_OWN = 'operator', 'place', 'environment', 'maker', 'type', 'certificate', 'serial', 'uncertainty_g'
+_BLANK = {'certificate': '', 'serial': '', 'uncertainty_g': 0}  # values of a mass in a new plan
 # Distance in m from one product to the next if no passes were recorded.
 _SPACING = 1.0
 # Labels of the tests that a plan may omit, by the keys of their sections.
@@ -100,10 +103,19 @@ class LineFacts(NamedTuple):
     spacing: float = math.nan
 
 
-def new_plan(operator: str, load_cell: LoadCell | None) -> str:
-    """Return the example plan with an operator, and with the type and serial number of a load cell.
+def new_plan(
+    operator: str,
+    load_cell: LoadCell | None,
+    known: Sequence[Recorded] = (),
+    uncertainties: Mapping[float, float] = MappingProxyType({}),
+) -> str:
+    """Return the example plan with an operator, a load cell, and recorded masses and speeds.
 
-    The value of the example is kept instead of an empty one, and if `load_cell` is None.
+    The value of the example is kept instead of an empty one, and if `load_cell` is None. `known`
+    are the passes that were recorded for the training. Without any, the masses, speeds and tests
+    are those of the example. Otherwise Min and Max are close to the lightest and the heaviest
+    recorded mass, and the plan has no warm-up, which only a type evaluation needs. `uncertainties`
+    contains known standard uncertainties in kg by the mass in kg.
     """
     text, example = EXAMPLE, _values_of_example()
     model, serial = (load_cell.model, load_cell.serial_number) if load_cell else ('', '')
@@ -116,7 +128,37 @@ def new_plan(operator: str, load_cell: LoadCell | None) -> str:
         before = example[path]
         if value:  # Replace the text of the value, because the comments of the plan must stay.
             text = text.replace(f': {before}\n', f': {json.dumps(value)}\n')
-    return text
+    return _with_recorded(text, known, uncertainties) if known else text
+
+
+def _with_recorded(
+    text: str, known: Sequence[Recorded], uncertainties: Mapping[float, float]
+) -> str:
+    plan = _sections(text)
+    in_grams = {round(GRAMS * mass, 3): value for mass, value in uncertainties.items()}
+    masses = sorted({round(GRAMS * each.mass, 3) for each in known})
+    plan['references'] = {
+        f'{mass:g}g': {
+            'mass_g': _number(str(mass)),
+            **_BLANK,
+            'uncertainty_g': _number(f'{GRAMS * in_grams.get(mass, 0.0):g}'),
+        }
+        for mass in masses
+    }
+    plan['loads'] = list(plan['references'])
+    plan['speeds_m_per_min'] = sorted({round(MINUTE * each.speed) for each in known})
+    if len(masses) > 1:
+        plan['min_g'], plan['max_g'] = _round_down(masses[0]), -_round_down(-masses[-1])
+    del plan['prepackages_g'], plan['warm_up']
+    for key in TESTS & plan.keys():
+        plan[key] = _as_in_example(key, plan)
+    return _dumped(plan)
+
+
+def _round_down(mass: float) -> float | int:
+    """Return the largest number with two digits that is not above a mass in g."""
+    step = 10.0 ** (math.floor(math.log10(abs(mass))) - 1)
+    return _number(f'{step * math.floor(mass / step):.6g}')
 
 
 @cache
@@ -167,34 +209,34 @@ def with_test(text: str, key: str, *, made: bool) -> str:
     """Return the text of a plan with a test if `made` is true, otherwise without the test.
 
     An added test is a copy of the test in the example plan, with the loads and the first speed of
-    this plan. A test of one load has the load in the middle of the list. Raises `ParameterError` as
+    this plan. A test of one load has the load nearest to a third of Max. Raises `ParameterError` as
     `fields_of` does.
     """
     plan = _sections(text)
     plan.pop(key, None)
     if made:
-        loads = plan.get('loads') or ['']
-        speed, *_ = plan.get('speeds_m_per_min') or [0.0]
-        plan[key] = _fitted(_sections(EXAMPLE)[key], loads, _middle(loads), speed)
+        plan[key] = _as_in_example(key, plan)
     return _dumped(plan)
 
 
-def _fitted(section: Any, loads: Iterable[str], load: str, speed: float) -> Any:
-    """Return a section of the example plan with the loads and the speed of another plan.
+def _as_in_example(key: str, plan: Mapping[str, Any]) -> Any:
+    """Return the section of a test in the example plan, with the loads and speed of another plan.
 
     Keys that the section does not contain are not added. If the section is a list, only the load of
     each entry is replaced.
     """
+    section, load = _sections(EXAMPLE)[key], _third_of_max(plan)
     if isinstance(section, list):
         return [{**each, 'load': load} for each in section]
-    own = {'load': load, 'loads': list(loads), 'speed_m_per_min': speed}
+    speed, *_ = plan.get('speeds_m_per_min') or [0.0]
+    own = {'load': load, 'loads': list(plan.get('loads') or ()), 'speed_m_per_min': speed}
     return {key: own.get(key, value) for key, value in section.items()}
 
 
 def without_mass(text: str, name: str) -> str:
     """Return the text of a plan without a reference mass.
 
-    A test of this mass alone gets the mass in the middle of the list of the others. Raises
+    A test of this mass alone gets the one of the others that is nearest to a third of Max. Raises
     `ParameterError` as `fields_of` does.
     """
     plan = _sections(text)
@@ -202,14 +244,20 @@ def without_mass(text: str, name: str) -> str:
     plan['loads'] = loads = [each for each in plan.get('loads') or [] if each != name]
     for section in _tests_in(plan):
         if section.get('load') == name and loads:
-            section['load'] = _middle(loads)
+            section['load'] = _third_of_max(plan)
         if isinstance(section.get('loads'), list):
             section['loads'] = [each for each in section['loads'] if each != name]
     return _dumped(plan)
 
 
-def _middle(loads: Sequence[str]) -> str:
-    return loads[len(loads) // 2]
+def _third_of_max(plan: Mapping[str, Any]) -> str:
+    """Return the load nearest to a third of Max, or the middle one if masses are not numbers."""
+    loads = plan.get('loads') or ['']
+    try:
+        third, references = plan['max_g'] / 3, plan['references']
+        return min(loads, key=lambda each: abs(math.log(references[each]['mass_g'] / third)))
+    except (KeyError, TypeError, ValueError, ZeroDivisionError):
+        return str(loads[len(loads) // 2])
 
 
 def _tests_in(plan: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
@@ -224,9 +272,9 @@ def _tests_in(plan: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
 def summary(text: str, known: LineFacts) -> tuple[Text, list[tuple[Text, str]], list[Text]]:
     """Return a summary of a plan, its steps as rows, and lines on its shortcomings.
 
-    The lines name the values that are still those of the example plan, the reasons why the plan
-    cannot pass, and the steps that cannot be decided because the uncertainty will be too large. If
-    the plan is not valid, the summary is the error, and there are no rows or lines.
+    The lines name the values that a user has to give, the reasons why the plan cannot pass, and the
+    steps that cannot be decided because the uncertainty will be too large. If the plan is not
+    valid, the summary is the error, and there are no rows or lines.
     """
     try:
         plan = read_plan(text)
@@ -251,19 +299,24 @@ def summary(text: str, known: LineFacts) -> tuple[Text, list[tuple[Text, str]], 
         for each in plan_departures(plan, known.load_cell)
     )
     expected = expected_uncertainties(plan, known.std_dev, known.zero_std_dev)
-    return line, rows, [*_as_in_example(text), *departures, *_doubts(expected)]
+    return line, rows, [*_not_given(text), *departures, *_doubts(expected)]
 
 
-def _as_in_example(text: str) -> Iterator[Text]:
-    """Yield a line with the fields whose values are still those of the example, if any are."""
+def _not_given(text: str) -> Iterator[Text]:
+    """Yield a line with the fields that are as in the example or in a new plan, if any are."""
     example = _values_of_example()
     names = [
         field.label
         for field, value in fields_of(text)
-        if field.path[-1] in _OWN and value == example.get(field.path)
+        if field.path[-1] in _OWN and value in (example.get(field.path), _blank(field))
     ]
     if names:
-        yield Text('Still as in the example plan: {fields}', fields=_listed(names))
+        yield Text('Not filled in yet, or as in the example plan: {fields}', fields=_listed(names))
+
+
+def _blank(field: Field) -> str | None:
+    """Return the value of a field of a mass in a new plan, or None for other fields."""
+    return str(_BLANK.get(field.path[-1])) if field.path[0] == 'references' else None
 
 
 def _to_do(step: Step) -> str:

@@ -102,6 +102,8 @@ class StaticStep(Step):
             # Drop the oldest readings if the driver has fewer readings than the page.
             del readings[: len(readings) + 1 - answer.points]
             readings.append(found)
+            if mass:
+                self.services.uncertainties[mass] = uncertainty
             return Text('{load}: {mass}', load=load, mass=Mass(round(found.mass, 6)))
 
         await self.begin(Text('read {load} for a calibration', load=load), read, ports.READ_LOAD)

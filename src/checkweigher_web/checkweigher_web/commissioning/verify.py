@@ -100,7 +100,8 @@ class VerifyStep(Step):
         self._show_text(self.services.plans.get(self.desk.person) or self._new_plan())
 
     def _new_plan(self) -> str:
-        return new_plan(self.desk.person, self.lane.load_cell)
+        lane, known = self.lane, self.services.uncertainties
+        return new_plan(self.desk.person, lane.load_cell, self._known, known)
 
     def standing(self) -> Standing:
         """Return whether the last verification has passed, and a text with its verdict.
@@ -230,8 +231,12 @@ class VerifyStep(Step):
     async def _check_again(self) -> None:
         now = await recorded(self.services), self.lane.zero
         if now != (self._known, self._zero) and not self._state.is_deleted:
+            is_new = self._text == self._new_plan()
             self._known, self._zero = now
-            self._show_summary()
+            if is_new:
+                self._show_text(self._new_plan())
+            else:
+                self._show_summary()
 
     def _show_results(self, said: VerificationProgress) -> None:
         if said.steps:

@@ -131,6 +131,9 @@ class LaneServices(PortNode):
         Latest feedback of each running action that the page has begun, by the name of the action.
     readings : list of LoadRead
         Readings of loads for the next calibration.
+    uncertainties : dict of float to float
+        Standard uncertainty in kg of each known mass that a user has read for a calibration, by the
+        mass in kg.
     calibrated : Text or None
         Text on the latest calibration that the page has written, or None if it has written none.
     plans : dict of str to str
@@ -154,6 +157,7 @@ class LaneServices(PortNode):
         self.feedback: dict[str, Any] = {}
         self._has_log = False
         self.readings: list[LoadRead] = []
+        self.uncertainties: dict[float, float] = {}
         self.calibrated: Text | None = None
         self.plans: dict[str, str] = {}
         self.setting: DynamicSetting | None = None

@@ -8,6 +8,7 @@ import yaml
 from checkweigher_core.records import LoadCell
 from checkweigher_validation.verification.plan import EXAMPLE, read_plan
 from checkweigher_validation.verification.steps import steps_of
+from checkweigher_web.commissioning.coverage import Recorded
 from checkweigher_web.commissioning.plan_form import (
     TESTS,
     LineFacts,
@@ -138,10 +139,37 @@ def test_a_new_plan_is_that_of_its_operator_and_line():
     assert '# standard uncertainty, from the certificate' in text
     assert new_plan('', None) == new_plan('', replace(CELL, model='', serial_number='')) == EXAMPLE
     line = summary(text, LineFacts(CELL))[2][0]
-    assert line.startswith('Still as in the example plan: Place, Temperature, humidity, pressure, ')
+    assert line.startswith(
+        'Not filled in yet, or as in the example plan: Place, Temperature, humidity, pressure, '
+    )
     assert line.endswith(', large: serial number')
     assert 'Who verifies' not in line
     assert 'load cell' not in line
+
+
+def test_a_new_plan_has_the_masses_and_speeds_that_were_recorded():
+    passes = [Recorded(1.0, mass, 60, 1.0) for mass in (0.484, 0.1021, 0.2, 0.1021)]
+    known = [*passes, Recorded(0.4999, 0.484, 60, 0.8)]
+    text = new_plan('Eve', CELL, known, {0.2: 3e-6})
+    plan = read_plan(text)
+    assert plan.loads == ('102.1g', '200g', '484g') == tuple(plan.references)
+    assert [each.mass_g for each in plan.references.values()] == [102.1, 200.0, 484.0]
+    assert [each.uncertainty_g for each in plan.references.values()] == [0.0, 0.003, 0.0]
+    assert plan.speeds_m_per_min == (30.0, 60.0)
+    assert (plan.min_g, plan.max_g, plan.prepackages_g) == (100.0, 490.0, ())
+    assert chosen_tests(text) == {*TESTS} - {'warm_up'}
+    assert plan.eccentricity is not None
+    assert plan.eccentricity.load == '200g'  # about a third of Max
+    assert plan.eccentricity.speed_m_per_min == 30
+    line, *departures = summary(text, LineFacts(CELL))[2]
+    assert departures == []
+    assert line.endswith(
+        '102.1g: standard uncertainty, 102.1g: certificate, 102.1g: serial number, '
+        '200g: certificate, 200g: serial number, '
+        '484g: standard uncertainty, 484g: certificate, 484g: serial number'
+    )
+    one = read_plan(new_plan('Eve', CELL, passes[:1]))
+    assert (one.loads, one.min_g, one.max_g) == (('484g',), 60.0, 600.0)
 
 
 def test_a_plan_for_another_load_cell_cannot_pass():
