@@ -22,14 +22,17 @@ _UNREACHABLE = 'its scheduler has ended, or cannot be reached any more'
 
 
 class SchedulerError(ValueError):
-    """Raised if a cluster cannot be used. The message contains its address and the reason."""
+    """Raised if a cluster cannot be used.
+
+    The message contains the address of the scheduler and the reason.
+    """
 
 
 class _Cluster(Workers):
     """Workers of a cluster at the given addresses, or all workers if `addresses` is None."""
 
-    # This number exceeds the number of workers, so that no worker waits for a job. The number is
-    # limited, because the scheduler keeps the submitted jobs in memory.
+    # The limit of submitted jobs exceeds the number of workers, so that no worker waits for a job.
+    # A limit is necessary, because the scheduler keeps the submitted jobs in memory.
     ahead = 5000
 
     def __init__(self, client: Any, addresses: Sequence[str] | None) -> None:
@@ -39,8 +42,8 @@ class _Cluster(Workers):
         self._client = client
         self._addresses = addresses
         self._executor: Executor = client.get_executor(pure=False, workers=addresses)
-        # Monotonic time in s of the first check that found no worker since a worker was last found,
-        # or None if the last check found a worker or there was no check yet.
+        # Monotonic time in s since which no check has found a worker. The time is None before the
+        # first check, and if the last check found a worker.
         self._gone: float | None = None
 
     def submit(self, job: Job, alone: bool) -> Future[Any]:
@@ -78,8 +81,8 @@ def on_scheduler(address: str) -> Iterator[list[str]]:
     """In this context, run jobs (see `checkweigher_validation.jobs`) on the workers of a cluster.
 
     `address` is 'local' for processes of this machine, or the address of a Dask scheduler, for
-    example 'tcp://HOST:8786'. Workers that run another program than this process, or that cannot
-    report their program, are not used.
+    example 'tcp://HOST:8786'. Workers are not used if their program differs from the program of
+    this process, or if they cannot report their program.
 
     Yields a list with a line for each worker that is not used. The list is empty if all workers are
     used, or if `address` is 'local'.
@@ -133,7 +136,8 @@ def _refused(client: Any) -> dict[str, str]:
     """Return a line for each worker that cannot be used, by the address of the worker."""
     here, refused = program(), {}
     for name, answer in client.run(program, on_error='return').items():
-        # Ignore a worker that has ended. Its answer is a connection error of Dask without an errno.
+        # Ignore a worker that has ended, for which Dask returns a connection error without an
+        # errno.
         if isinstance(answer, OSError) and answer.errno is None:
             continue
         is_error = isinstance(answer, BaseException)

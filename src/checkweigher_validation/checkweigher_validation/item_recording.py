@@ -29,14 +29,14 @@ class KeepError(ValueError):
 def keep_item(
     recording: Recording, parameters: LineParameters, estimate: MassEstimate, verdict: Verdict
 ) -> tuple[Recording, ItemResult]:
-    """Return a short recording of an item and some preceding items, and the item's result in it.
+    """Return a short recording of an item and some preceding items, and the result of the item.
 
     The result depends on preceding items, because zero, belt speed and lag of the photo-eyes are
     computed from them. The number of preceding items is therefore doubled until the item has the
-    same t1, t2, t3, decision and reasons, and a mass that differs by at most a tenth of its
-    standard deviation. In the short recording, the numbers of the items begin with 1. `estimate`
-    and `verdict` are the result of the item with `parameters`. At least one of t1, t2 and t3 must
-    be known, and the recording must contain a sample block.
+    same t1, t2, t3, decision and reasons as in `estimate` and `verdict`. The mass may differ by at
+    most a tenth of its standard deviation. In the short recording, the numbers of the items begin
+    with 1. `estimate` and `verdict` are the result of the item with `parameters`. At least one of
+    t1, t2 and t3 must be known, and the recording must contain a sample block.
 
     Raises `KeepError` if the item has another result even in the whole recording.
     """

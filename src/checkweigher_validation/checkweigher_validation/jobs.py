@@ -94,7 +94,7 @@ class _Processes(Workers):
 
 @contextmanager
 def _mute() -> Iterator[None]:
-    """In this context, redirect stderr to the null device, also for processes that are started.
+    """In this context, redirect stderr to the null device, also for new processes.
 
     Otherwise, a process that Ctrl-C interrupts during its imports would print a traceback.
     """
@@ -143,8 +143,9 @@ def run_jobs(
     picklable. `n_jobs` is the number of processes on this machine, by default one for each core. If
     `n_jobs` is 1, or if there is only one job, this process runs the jobs. In the context of
     `jobs_done_by`, `n_jobs` is ignored. On a terminal, a progress bar with the label `doing` is
-    shown. For this bar, `sizes` are proportional to the expected times of the jobs, which are equal
-    by default. An exception of a job is raised again, and the remaining jobs are cancelled.
+    shown. The progress bar uses `sizes`, which are proportional to the expected times of the jobs,
+    and equal by default. An exception of a job is raised again, and the remaining jobs are
+    cancelled.
 
     Raises `WorkerLostError` if the worker of a job was killed twice, the second time while the job
     ran alone, and `ClusterLostError` if the jobs ran on a cluster that was lost.
@@ -166,9 +167,9 @@ def jobs_as_done(
 ) -> Generator[tuple[int, Any], None, None]:
     """Run independent jobs, and yield the position and the result of each job when it is done.
 
-    If a worker is killed, the jobs that may have killed it are run again one at a time. On this
-    machine, these are all jobs that were submitted at that time. On a cluster, these are the jobs
-    that Dask has given up. If the worker of a job is killed again, the result of the job is a
+    If a worker on this machine is killed, all submitted jobs that have not ended are run again, one
+    at a time. If workers of a cluster are killed, the jobs that Dask has given up are run again,
+    one at a time. If the worker of a job is killed again, the result of the job is a
     `WorkerLostError`. Any other exception of a job is raised again, and the remaining jobs are
     cancelled. The parameters are as in `run_jobs`.
 

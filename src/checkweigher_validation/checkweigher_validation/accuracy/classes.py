@@ -21,7 +21,7 @@ of category Y for weighing in motion in service, and the maximum permissible sta
 loads above 300 g.
 
 Nothing here is type-approved for legal metrology. A result applies to a simulation or a test run,
-and is no evidence that a machine conforms to the directive.
+and is no evidence that a machine conforms to Directive 2014/32/EU.
 """
 
 from collections.abc import Callable
@@ -33,10 +33,11 @@ from checkweigher_core.records import GRAMS
 from checkweigher_production.prepackages import tolerable_negative_error
 from checkweigher_validation.accuracy.errors import ConditionResult
 
-# Factor on a bound, so that a mass that equals the bound is within it in spite of rounding errors.
+# Factor by which bounds are widened, so that a value that equals a bound is accepted in spite of
+# rounding errors.
 _ON_BOUND = 1 + 1e-9
 
-# Largest load, in e, of each of the three ranges of load.
+# Upper limits of the three load ranges of each class, in verification scale intervals e.
 _STEPS = {
     'XI': (50_000.0, 200_000.0, math.inf),
     'XII': (5_000.0, 20_000.0, 100_000.0),
@@ -46,8 +47,9 @@ _STEPS = {
 _LIKE = {'Y(I)': 'XI', 'Y(II)': 'XII', 'Y(a)': 'XIII', 'Y(b)': 'XIIII'}
 CLASSES = (*_STEPS, *_LIKE)
 
-# Largest error in e for each of the three ranges of load. The keys are the category and whether the
-# limits are those in service. The values of category X also apply to loads at rest in category Y.
+# Largest error in e for each of the three ranges of load. A key consists of the category, and of
+# True for the limits in service or False for the limits at initial verification. The values of
+# category X also apply to loads at rest in category Y.
 _ERRORS = {
     ('X', False): (0.5, 1.0, 1.5),
     ('X', True): (1.0, 2.0, 3.0),
@@ -91,7 +93,7 @@ _STD_DEV_ROWS = (
 
 _SUITABLE_SHARE = 1 / 5  # largest error in service relative to the tolerable negative error.
 
-# Each row has the largest load in kg and the smallest number of weighings.
+# Each row has the largest load in kg, and the number of weighings that a verification requires.
 _WEIGHINGS = ((1.0, 60), (10.0, 30), (20.0, 20), (math.inf, 10))
 
 
@@ -104,7 +106,7 @@ class AccuracyClass:
     """
 
     name: str = 'XIII'  # one of CLASSES, or XIV for XIIII.
-    # Class factor x of category X, which is 1, 2 or 5 times 10^k, or 1 in category Y. The class
+    # Class factor x, which is 1, 2 or 5 times 10^k in category X, and 1 in category Y. The class
     # factor is below 1 for XI and XII, at most 1 for XIII, and above 1 and at most 2 for XIIII.
     factor: float = 1.0
     interval: float = 0.1e-3  # verification scale interval e in kg
@@ -144,8 +146,8 @@ class AccuracyClass:
     def max_static_error(self, mass: float) -> float:
         """Return the limit of the magnitude of the error of a load at rest, in kg.
 
-        In both categories, this is the limit of the mean error of category X. Returns NaN for a
-        load above the range of the class.
+        The limit of the mean error in category X applies to loads at rest in both categories.
+        Returns NaN for a load above the range of the class.
         """
         return self._step_of_error(mass, 'X')
 
@@ -258,24 +260,25 @@ class Suitability:
 
     nominal: float  # nominal quantity of the prepackages
     tolerable_negative_error: float
-    max_error: float  # limit of the class in service at the nominal quantity, NaN above its range
+    max_error: float  # maximum error of the class in service at `nominal`, NaN above its range
 
     @property
     def allowed_error(self) -> float:
-        """Largest error in service, in kg, of a scale that may check such prepackages."""
+        """Largest error in service, in kg, of a scale that may check the prepackages."""
         return _SUITABLE_SHARE * self.tolerable_negative_error
 
     @property
     def suitable(self) -> bool:
-        """Whether a scale of the class may check such prepackages, False above its range."""
+        """Whether a scale of the class may check the prepackages. False above its range."""
         return self.max_error <= self.allowed_error * _ON_BOUND
 
 
 def suitability(accuracy_class: AccuracyClass, nominal: float) -> Suitability:
     """Compare the error of a class with a fifth of the tolerable negative error of prepackages.
 
-    The limits in service are used, even if `accuracy_class` has those at initial verification.
-    `nominal` is the nominal quantity in kg. Raises `ValueError` if 76/211/EEC has no limits for it.
+    The limits in service are used, even if `accuracy_class` is for initial verification. `nominal`
+    is the nominal quantity in kg. Raises `ValueError` if 76/211/EEC has no limits for this
+    quantity.
 
     References
     ----------

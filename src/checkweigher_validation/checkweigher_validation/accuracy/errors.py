@@ -3,9 +3,9 @@
 """Statistics of the errors of estimators on passes of known mass.
 
 The statistics are those of Long et al.: the mean error mu, the standard deviation sigma of the
-errors with n - 1, and the overall index ``A = |mu| + 3 sigma``. In equation 20 of the paper, the
-mean of the readings is subtracted, so that mu would always be zero. Here, as in the table of the
-paper, the true mass is subtracted.
+errors with n - 1 degrees of freedom, and the overall index ``A = |mu| + 3 sigma``. Equation 20 of
+the paper subtracts the mean of the readings from each reading, so that mu would always be zero.
+This module and Table 3 of the paper subtract the true mass from each reading.
 """
 
 from collections.abc import Iterable
@@ -133,7 +133,7 @@ class Evaluation:
         )
 
     def ranked(self, part: str) -> dict[str, MeanErrors]:
-        """Return the means of each estimator over the conditions of a part, by ascending A.
+        """Return the means of each estimator over the conditions of a part, in the order of A.
 
         Estimators whose A is NaN are last.
         """

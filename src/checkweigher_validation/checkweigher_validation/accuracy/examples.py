@@ -50,7 +50,8 @@ class Example:
     @property
     def window(self) -> slice:
         """Slice of the samples at or after t2 and before t3."""
-        # Without the rounding, a sample exactly at t2 or t3 could be on the wrong side.
+        # Round first, because otherwise a rounding error could place a sample at exactly t2 or t3
+        # on the wrong side.
         begin, end = (math.ceil(round(time * self.sample_rate, 6)) for time in (self.t2, self.t3))
         return slice(max(begin, 0), min(end, len(self.signal)))
 

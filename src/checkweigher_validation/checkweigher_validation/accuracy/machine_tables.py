@@ -34,8 +34,8 @@ class MachineResult:
     """Results of estimators on a randomly drawn machine."""
 
     machine: int  # seed of the machine
-    tuned: Evaluation  # results of tuned estimators, ATTAINABLE and CHOSEN
-    untrained: Evaluation  # results of estimators with default parameters, and ATTAINABLE
+    tuned: Evaluation  # results of the tuned and the chosen estimators, and attainable accuracy
+    untrained: Evaluation  # results with default parameters, and attainable accuracy
     chosen: str  # name of the estimator that the command `tune` chooses
 
 
@@ -43,7 +43,7 @@ class MachineResult:
 class FamilyRow:
     """Results of one estimator on all machines.
 
-    A ratio is the overall index A of the estimator divided by the attainable A.
+    A ratio is the overall index A of the estimator, divided by A of the attainable accuracy.
     """
 
     estimator: str
@@ -59,7 +59,7 @@ class FamilyTable:
 
     title: str
     speeds: tuple[float, ...]  # m/s
-    attainable: tuple[float, ...]  # mean attainable A in kg at each speed, then overall
+    attainable: tuple[float, ...]  # mean of the attainable A in kg at each speed, then overall
     rows: tuple[FamilyRow, ...]
 
 

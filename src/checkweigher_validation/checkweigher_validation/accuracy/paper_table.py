@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Results in Table 3 of the paper (Long et al.), which were obtained on a real machine.
 
-The simulated machine differs from that of the paper, whose signals are not public. Therefore only
-orders of magnitude and the ranking of the estimators can be compared.
+The simulated machine differs from the machine of the paper, whose signals are not public. Therefore
+only orders of magnitude and the ranking of the estimators can be compared.
 """
 
 from collections.abc import Sequence
@@ -71,10 +71,10 @@ def has_paper_conditions(evaluation: Evaluation) -> bool:
 
 
 def comparable_index(evaluation: Evaluation, estimator: str, speed: float | None = None) -> float:
-    """Return `paper_index`, or NaN if the averages of an evaluation are over other conditions.
+    """Return `paper_index`, or NaN if an evaluation has other masses or speeds than the paper.
 
-    The evaluation must have the masses of the paper. If `speed` is None, it must also have the
-    speeds of the paper.
+    The masses are always compared with the masses of the paper. The speeds are compared only if
+    `speed` is None.
     """
     has_conditions = has_paper_conditions if speed is None else has_paper_masses
     return paper_index(estimator, speed) if has_conditions(evaluation) else math.nan

@@ -46,7 +46,10 @@ class ReferenceMasses:
         return best.mass if best and abs(best.stamp - t1) <= SAME_ITEM else math.nan
 
     def _first(self, t1: int) -> int:
-        """Return the position of the first reference of an item that entered at `t1` or later."""
+        """Return the position of the first reference of an item that entered at `t1` or later.
+
+        References up to `SAME_ITEM` ns before `t1` also belong to an item that entered at `t1`.
+        """
         return bisect_left(self._references, t1 - SAME_ITEM, key=lambda known: known.stamp)
 
 

@@ -83,8 +83,8 @@ class ResultJoiner:
     def _t4(self, t3: int | None) -> int | None:
         """Return the time in ns at which the outfeed eye clears after `t3`.
 
-        Returns None if `t3` is None, if the outfeed eye has no edge after `t3`, or if its next edge
-        marks that an item begins to block it.
+        Returns None if `t3` is None, if the outfeed eye has no edge after `t3`, or if an item
+        begins to block the outfeed eye at the next edge.
         """
         if t3 is None:
             return None

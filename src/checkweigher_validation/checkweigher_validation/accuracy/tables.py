@@ -80,9 +80,10 @@ def text_table(evaluation: Evaluation, accuracy_class: AccuracyClass = AccuracyC
 
     The evaluation must have at least one condition. The table covers the test passes or, if there
     are none, the training passes. The columns include the coverage of the stated 68 % and 95 %
-    intervals, the number of conditions within the limits of the class, and A in the paper (Long et
-    al.) if the speed and the masses are those of the paper. If there are 2 to 10 masses, a second
-    table shows the coverage by speed and mass for the estimator with the smallest A.
+    intervals, and the number of conditions within the limits of the class. If the masses are those
+    of the paper (Long et al.), a last column shows the overall index A of the paper at each speed
+    that the paper has. If there are 2 to 10 masses, a second table shows the coverage by speed and
+    mass for the estimator with the smallest A.
     """
     part = evaluation.parts[0]
     lines = [
@@ -102,8 +103,9 @@ def text_table(evaluation: Evaluation, accuracy_class: AccuracyClass = AccuracyC
 def coverage_table(conditions: Iterable[ConditionResult], title: str) -> list[str]:
     """Return the lines of a table with the coverage of the 95 % intervals in %, by speed and mass.
 
-    Conditions of the same speed and mass are combined. The list is empty for fewer than two masses,
-    and for more than ten masses, because each mass then has few passes.
+    Conditions of the same speed and mass are combined. The list is empty for fewer than two masses.
+    The list is also empty for more than ten masses, because so many masses have too few passes
+    each.
     """
     there = tuple(conditions)
     masses = distinct(one.mass for one in there)

@@ -42,7 +42,7 @@ def program() -> Program:
 
 
 def other_program(there: Program, here: Program) -> str:
-    """Return the reason why a worker cannot be used, in one line, or an empty string.
+    """Return a line on why a worker cannot be used, or an empty string if the worker can be used.
 
     `there` is the program of the worker and `here` the program of this process.
     """

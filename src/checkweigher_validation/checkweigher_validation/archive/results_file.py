@@ -54,8 +54,8 @@ class BagSummary:
     """Summary of the results of a bag.
 
     The fields from `accept` to `fault` are numbers of items. The mean error and the largest error
-    are None if no item has a known mass, and the standard deviation of the errors is None if fewer
-    than two items have one.
+    are None if no weighed item has a known mass. The standard deviation of the errors is None if
+    fewer than two weighed items have a known mass.
     """
 
     duration_s: float  # duration of the signal in s

@@ -49,7 +49,10 @@ class WeighJob:
 
 @dataclass(frozen=True)
 class Weighed:
-    """Result of a job. There is no file and no problem if the stored results are still valid."""
+    """Result of a job.
+
+    The fields `file` and `problem` are empty if the stored results are still valid.
+    """
 
     bag: str
     host: str  # name of the machine that ran the job, or empty if its process was killed

@@ -1,3 +1,3 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Batches: their items, figures and reports."""
+"""Batches of items, with statistics, giveaway and signatures."""

@@ -49,7 +49,7 @@ class BatchError(ValueError):
 
 
 class InLog(StrEnum):
-    """Result of the comparison of a record with its states in the audit log."""
+    """Result of the comparison of a batch record with the states of the record in the audit log."""
 
     AGREES = 'agrees'
     DIFFERS = 'differs'
@@ -66,8 +66,8 @@ class BatchItem:
     stamp: int | None = None  # time of the item in ns, None if unknown
 
     def __post_init__(self) -> None:
-        # Refuse such an item, because the batch rules and the reference test need the masses of all
-        # accepted items.
+        # Refuse an accepted item without a mass, because the batch rules and the reference test
+        # need the masses of all accepted items.
         if self.decision is Decision.ACCEPT and not math.isfinite(self.mass):
             raise ValueError('the decision is ACCEPT, but the item has no mass')
 
@@ -149,10 +149,10 @@ class Batch:
         """Return begin and end of the slice of the entries that were made during the batch.
 
         The slice begins after the entry with the hash `after`, or with the first entry if the log
-        was empty before the batch. If that entry is missing, the slice begins with the first state
-        of the record. Hashes are used, because times would leave out entries if the clock was set
-        back. The slice ends with the state that ended the batch. The end is None if the batch has
-        not ended.
+        was empty before the batch. If no entry has the hash `after`, the slice begins with the
+        first state of the record. The slice is found by hashes, because times would leave out
+        entries if the clock was set back. The slice ends with the state that ended the batch. The
+        end is None if the batch has not ended.
         """
         own = [n for n, e in enumerate(entries) if (e.kind, e.subject) == (RECORD, self.name)]
         begin = [n for n, e in enumerate(entries) if e.hash == self.after]
@@ -232,10 +232,10 @@ def read_record(path: Path) -> Batch:
 def read_recorded(path: Path, log: Path | None = None) -> Batch:
     """Read the record of a batch, and compare it with the audit log.
 
-    If `log` is None, the log is that of the machine whose folder contains the record. The name of
-    a log in the record is not used, because a forger of the record would name a forged log. If that
-    machine has no log, the batch gets a fault. Raises `RecordError` if the record cannot be read,
-    and `AuditError` if the log cannot be read.
+    If `log` is None, the log is that of the machine whose folder contains the record. The name of a
+    log in the record is not used, because a forger of the record could name a forged log. If the
+    machine has no log, a fault is added to the batch. Raises `RecordError` if the record cannot be
+    read, and `AuditError` if the log cannot be read.
     """
     batch = read_record(path)
     own = path.resolve().parents[1] / LOG_FILE

@@ -11,7 +11,8 @@ from checkweigher_core.records import Decision, Verdict
 from checkweigher_dsp.rejection.batch_rules import BatchTally, count
 from checkweigher_production.recipes import Product
 
-# Rounding error of a sum of masses: in kg up to a sum of 1 kg, and relative to larger sums.
+# Largest rounding error of a sum of masses, in kg for sums up to 1 kg, and as a fraction of larger
+# sums.
 _TOLERANCE = 1e-9
 
 

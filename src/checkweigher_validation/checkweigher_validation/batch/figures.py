@@ -32,8 +32,8 @@ class PartFigures:
 
     product: Product
     decisions: dict[str, int]  # number of items with each decision.
-    # Number of items with each reason among those that were not accepted, in descending order. For
-    # an item without reasons, the name of its decision is counted as its reason.
+    # Number of items that were not accepted, by reason, in descending order. An item without
+    # reasons is counted under the name of its decision.
     reasons: dict[str, int]
     masses: NDArray[np.float64]  # mass of each accepted item, (n,)
     counts: NDArray[np.int64]  # number of items in each bin of the histogram, (bins,)
@@ -44,7 +44,7 @@ class PartFigures:
 
     @property
     def items(self) -> int:
-        """Number of items with any decision."""
+        """Number of items, including items that were not accepted."""
         return sum(self.decisions.values())
 
     @property

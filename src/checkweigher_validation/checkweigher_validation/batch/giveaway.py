@@ -56,8 +56,9 @@ def shift(stamp: int, begins: Sequence[time]) -> str:
 def giveaway(batches: Iterable[Batch], period: Period, price: float = math.nan) -> list[Giveaway]:
     """Return the giveaway of each product in each period, in the order of periods and products.
 
-    `price` is the price per kg of all products, or NaN to use those of the recipes. Items without a
-    time belong to the period 'no time'. A product with two prices in a period has two entries.
+    `price` is the price per kg of all products, or NaN to use the prices of the recipes. Items
+    without a time belong to the period 'no time'. A product with two prices in a period has two
+    entries.
     """
     found: dict[tuple[str, str, float], list[tuple[float, float]]] = {}
     for product, item in _accepted(batches):

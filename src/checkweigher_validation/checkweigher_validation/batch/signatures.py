@@ -3,10 +3,10 @@
 """Electronic signatures on batches and audit log entries (21 CFR 11.50 and 11.70).
 
 A signature is an entry of the audit log. The entry contains the name of the person, the time, the
-meaning, and the SHA-256 of a batch record or of another entry, such as a change of limits. These
-values are signed with an Ed25519 key that is derived from the password of the person. A signature
-is void if it is copied to another record or entry, or if the signed record or entry is changed
-afterwards.
+meaning, and the SHA-256 of a batch record or of another entry, such as a change of limits. The
+values in the entry are signed with an Ed25519 key that is derived from the password of the person.
+A signature is void if it is copied to another record or entry, or if the signed record or entry is
+changed afterwards.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -133,7 +133,7 @@ def foreign_keys(signatures: Sequence[Signature], signers: Mapping[str, Signer])
 
 
 def lacking(signatures: Sequence[Signature], persons: int) -> str:
-    """Return why these signatures do not permit a release, or an empty string if they do.
+    """Return the reason why signatures do not permit a release, or an empty string if they do.
 
     A person who has signed twice, or a key with which two persons have signed, counts once.
     """

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Batches and entries of the audit log that a person may sign.
 
-These entries are the results of verifications, changes of recipes, and changes of the limits of the
-node `reject`.
+The entries that may be signed are the results of verifications, changes of recipes, and changes of
+the limits of the node `reject`.
 """
 
 from collections import defaultdict
@@ -46,7 +46,7 @@ class Signable:
     """Batch record or audit log entry that a person may sign."""
 
     title: str
-    subject: str  # subject of the audit log entries with its signatures
+    subject: str  # subject of the audit log entries that contain the signatures
     batch: str | None  # name of the batch, None for an entry
     sha256: str  # SHA-256 of the record or of the entry, hexadecimal
     persons: int  # number of persons who must have signed when the record or entry is released
@@ -84,7 +84,7 @@ def signable_entry(log: Path, digest: str) -> Signable:
     """Return the entry of an audit log with the hash `digest`, to be signed.
 
     Raises `SigningError` if there is no such entry, if it may not be signed, if the log or an
-    earlier log was changed, or if the entry is that of a verification whose files were changed.
+    earlier log was changed, or if the entry belongs to a verification whose files were changed.
     Raises `AuditError` if the log cannot be read.
     """
     chain = read_chain(log)
@@ -93,7 +93,7 @@ def signable_entry(log: Path, digest: str) -> Signable:
     found = [each for each in signable_entries(chain.entries) if each.sha256 == digest]
     if not found:
         raise SigningError(
-            f'{log.name}: this entry is neither a change of limits nor a verification'
+            f'{log.name}: this entry is neither a change of limits or recipes nor a verification'
         )
     for entry in chain.entries:
         if (entry.hash, entry.kind) == (digest, VERIFICATION):
@@ -122,13 +122,13 @@ def signable_entries(entries: Sequence[Entry]) -> list[Signable]:
 
 
 def _may_be_signed(entries: Sequence[Entry]) -> Iterator[tuple[Entry, int]]:
-    """Yield the entries that may be signed, each with the number of persons for a release.
+    """Yield the entries that may be signed, each with the number of persons its release requires.
 
     The number is `release_by` of the recipe, or 1 for a verification. For a change of limits, the
-    recipe is that of the selected product. If a recipe was changed, the larger of its two numbers
-    applies, so that no single person can lower the number.
+    number is taken from the recipe of the selected product. For a change of a recipe, the larger of
+    the old and the new number applies, so that no single person can lower the number.
     """
-    asked: dict[str, int] = {}  # number of persons for a release, by product
+    asked: dict[str, int] = {}  # number of persons that a release requires, by product
     product = ''
     for entry in entries:
         new: Mapping[str, Any] = entry.new if isinstance(entry.new, dict) else {}

@@ -1,3 +1,3 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Tests of estimators on simulated machines, and the best accuracy that is possible there."""
+"""Tests of estimators on simulated machines, and the best accuracy on these machines."""

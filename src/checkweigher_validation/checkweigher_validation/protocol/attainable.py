@@ -30,7 +30,7 @@ def attainable_errors(
     The errors are estimated minus true masses, (n,) in kg. All passes must be without faults, and
     of the same machine and nominal speed. The regressors are the samples from 0.2 s before t1 to
     t3, interpolated at the same fractions of each pass, after subtraction of the zero. The penalty
-    is that with the smallest A in leave-one-out cross-validation.
+    with the smallest overall index A in leave-one-out cross-validation is used.
     """
     span = min(_samples(each.window) for each in learn)
     signals, masses = _signals(learn, span), np.array([each.mass for each in learn])
@@ -44,7 +44,11 @@ def _samples(window: WeighWindow) -> int:
 
 
 def _signals(passes: Sequence[KnownPass], span: int) -> NDArray[np.float64]:
-    """Return the signals, (n, k) in kg, at k fractions of a pass, of which `span` are after t1."""
+    """Return the signal of each pass, (n, k) in kg, interpolated at k times.
+
+    The times divide the duration from t1 to t3 into `span` equal steps, and continue with the
+    same step for about 0.2 s before t1.
+    """
     rows = []
     for each in passes:
         window = each.window

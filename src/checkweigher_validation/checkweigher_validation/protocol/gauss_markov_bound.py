@@ -73,7 +73,10 @@ def bound_of(model: PassModel) -> float:
 
 
 def pass_model(parameters: SimulationParameters, mass: float, before: float = 0.3) -> PassModel:
-    """Return response and covariance of a pass. The parameters are as in `bound`."""
+    """Return the response of the platform and the covariance of the noise in a pass.
+
+    The parameters are as in `bound`.
+    """
     simulated = _SimulatedPass(parameters, mass, before)
     noise = simulated.lines() + simulated.impact() + simulated.white_noise()
     return PassModel(simulated.sample_time(), simulated.response(simulated.load) / mass, noise)
@@ -91,8 +94,9 @@ class _SimulatedPass:
         self._mass = mass
         sample_rate = parameters.sample_rate
         self._step = 1 / (OVERSAMPLING * sample_rate)
-        # t1 is at a sample, which has little effect on the bound. If the sample rate is a whole
-        # number, t1 is also at a whole second, so that rounding errors hardly depend on `before`.
+        # Place t1 at a sample, because its position between two samples has little effect on the
+        # bound. If the sample rate is a whole number, t1 is also at a whole second, so that
+        # rounding errors hardly depend on `before`.
         entry = math.ceil(math.ceil(_SETTLING + before) * sample_rate)
         last = math.ceil(round((parameters.weigh_length / parameters.speed) * sample_rate, 6))
         self._first = entry - round(before * sample_rate)
@@ -150,10 +154,10 @@ class _SimulatedPass:
         return np.asarray(np.outer(form, form), np.float64)
 
     def white_noise(self) -> NDArray[np.float64]:
-        """Return the covariance of all other noise, (n, n) in kg^2.
+        """Return the covariance of the white and the filtered white noise, (n, n) in kg^2.
 
-        This noise consists of the broadband noise, the vibration of the floor, and the noise and
-        quantisation of the converter.
+        The sources of the noise are the broadband noise, the vibration of the floor, and the noise
+        and quantisation of the converter.
         """
         covariance = self._shaken(self._broadband()) + self._shaken(self._floor())
         step = 1 / self._parameters.counts_per_kg
@@ -201,9 +205,9 @@ def _covariance_of_readings(
 ) -> NDArray[np.float64]:
     """Return the covariance of n samples, (n, n), each of which is the mean reading of its steps.
 
-    `step` is a function of the load in kg that returns the matrices F, (d, d), and G, (d,), of the
-    state equation x' = F x + G w of one step, in which w is white noise and x[0] is the reading.
-    `loads` contains the load in each step of each sample, (n, steps) in kg. The process is
+    `step` is a function of the load in kg that returns the matrices F, (d, d), and G, (d,), of one
+    step. The state equation of a step is x' = F x + G w, in which w is white noise and x[0] is the
+    reading. `loads` contains the load in each step of each sample, (n, steps) in kg. The process is
     stationary before the first sample.
     """
     whole, drive = step(float(loads[0, 0]))
@@ -226,10 +230,10 @@ def _covariance_of_readings(
 def _sample_step(
     steps: list[tuple[NDArray[np.float64], NDArray[np.float64]]],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the transition matrix over one sample, (d + 1, d), and its noise, (d + 1, d + 1).
+    """Return the transition matrix of one sample, (d + 1, d), and the covariance of its noise.
 
-    The noise is a covariance. The last row of both matrices belongs to the sample, and the other
-    rows belong to the state.
+    The shape of the covariance is (d + 1, d + 1). The last row of both matrices belongs to the
+    sample, and the other rows belong to the state.
     """
     size = len(steps[0][1])
     over = np.eye(size + 1, size)

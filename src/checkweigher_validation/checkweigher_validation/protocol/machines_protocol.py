@@ -52,8 +52,9 @@ class MachineRun:
     """Passes of a machine at one speed in m/s, and the attainable accuracy on the test passes.
 
     The weighing windows of `train` and `test` are cut by the photo-eyes alone. The windows of
-    `train_untrained` and `untrained` are cut from the same passes as on a line without training,
-    where the edges of the photo-eyes are also compared with the rise of the load.
+    `train_untrained` and `untrained` belong to the same passes, but are cut as on a line without
+    training. A line without training also compares the edges of the photo-eyes with the rise of the
+    load.
     """
 
     speed: float
@@ -77,7 +78,7 @@ def passes_cut_by(
 
     `speed` is the belt speed in m/s. `masses` contains the masses in kg, which are repeated until
     there are `count` of them. Returns the passes for each element of `cuts`, which contains
-    parameters of the segmenter. `machine` is the seed of the machine, and `seed` that of the
+    parameters of the segmenter. `machine` is the seed of the machine, and `seed` is the seed of the
     passes. `without` contains the causes of disturbance that are removed from the machine.
     """
     order = np.random.default_rng((machine, round(1000 * speed), seed))

@@ -22,7 +22,7 @@ _COLUMNS = 3
 
 
 def index_by_mass_figure(evaluation: Evaluation, part: str) -> Figure:
-    """Draw A as a function of the mass, with a panel per speed (figure 11 of Long et al.)."""
+    """Draw the overall index A by mass, with a panel per speed (figure 11 of Long et al.)."""
     speeds, lines = evaluation.speeds, _lines(evaluation)
     rows = math.ceil((len(speeds) + 1) / _COLUMNS)  # one panel per speed, and one for the legend
     figure, grid = svg.new_figure(2.5 * rows, rows, _COLUMNS, squeeze=False)
@@ -49,7 +49,7 @@ def index_by_mass_figure(evaluation: Evaluation, part: str) -> Figure:
 
 
 def averages_figure(evaluation: Evaluation, part: str) -> Figure:
-    """Draw averages of A over the masses, and over masses and speeds (figure 12 of Long et al.)."""
+    """Draw averages of the overall index A, by speed and in total (figure 12 of Long et al.)."""
     figure, (left, right) = svg.new_figure(3.9, 1, 2, width_ratios=(1, 1.1))
     _draw_by_speed(left, evaluation, part)
     _draw_overall(right, evaluation, part)
@@ -71,7 +71,7 @@ def _draw_by_speed(axes: Axes, evaluation: Evaluation, part: str) -> None:
 
 
 def _draw_overall(axes: Axes, evaluation: Evaluation, part: str) -> None:
-    """Draw a row for each estimator, with the best estimator in the first row."""
+    """Draw the average A of each estimator in a row, with the best estimator in the first row."""
     lines, ranked = _lines(evaluation), evaluation.ranked(part)
     papers = {name: GRAMS * comparable_index(evaluation, name) for name in ranked}
     for row, (name, means) in enumerate(ranked.items()):

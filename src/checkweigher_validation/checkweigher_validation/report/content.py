@@ -81,9 +81,9 @@ def mass_label(mass: float) -> str:
 class Content:
     """Numbers and findings of an evaluation, which has at least one condition.
 
-    By default, they are computed from the test passes or, if there are none, from the training
-    passes. `accuracy_class` contains the limits. The parameters `chosen` of the methods are
-    keywords of `Evaluation.select`.
+    By default, all numbers are computed from the test passes or, if there are none, from the
+    training passes. `accuracy_class` contains the limits. The parameters `chosen` of the methods
+    are keywords of `Evaluation.select`.
     """
 
     def __init__(self, evaluation: Evaluation, accuracy_class: AccuracyClass) -> None:
@@ -119,7 +119,7 @@ class Content:
         return self._evaluation.select(**{'part': self.part, **chosen})
 
     def at_masses(self, **chosen: Any) -> list[ConditionResult | None]:
-        """Return the chosen condition at each mass, or None if there is no such condition."""
+        """Return the selected condition at each mass, with None for a mass without a condition."""
         found = (self.conditions(mass=mass, **chosen) for mass in self._evaluation.masses)
         return [there[0] if there else None for there in found]
 
@@ -146,7 +146,7 @@ class Content:
         return list(np.fmin.reduce(rows))
 
     def paper_index(self, name: str, speed: float | None = None) -> float:
-        """Return A in the paper (Long et al.) in kg, or NaN if the conditions are different.
+        """Return A in the paper (Long et al.) in kg, or NaN if the paper has no comparable result.
 
         The overall index A is averaged over the masses at `speed` in m/s or, if `speed` is None,
         also over the speeds.
@@ -159,7 +159,7 @@ class Content:
         return not all(map(math.isnan, found))
 
     def of_paper(self, name: str, speed: float) -> list[PaperResult | None]:
-        """Return the result in the paper at each mass, or None if there is no such result."""
+        """Return the result in the paper at each mass, with None for a mass without a result."""
         return [paper_result(name, speed, mass) for mass in self._evaluation.masses]
 
     def exceeded(self, condition: ConditionResult) -> str:

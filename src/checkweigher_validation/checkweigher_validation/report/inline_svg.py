@@ -58,8 +58,8 @@ def to_inline_svg(figure: Figure, name: str, description: str) -> Markup:
     """Return a figure as an SVG element for an HTML page.
 
     The caller must have selected the style sheet `STYLE` with `matplotlib.rc_context`. `name` is a
-    prefix for all ids in the figure, and no other figure on the page may have it. Screen readers
-    speak the text `description`.
+    prefix for all ids in the figure, and must be unique on the page. Screen readers speak the text
+    `description`.
     """
     file = io.StringIO()
     # Omit the metadata, because it contains a date, which would make equal figures different.

@@ -61,7 +61,7 @@ def _findings(tables: Sequence[FamilyTable], looks: Mapping[str, PlotStyle]) -> 
 
 
 def _by_speed(machine: Evaluation, looks: Mapping[str, PlotStyle]) -> list[tuple[str, list[float]]]:
-    """Return the label and A in kg at each speed of each estimator, on the test passes.
+    """Return the label of each estimator, and A in kg on the test passes at each speed.
 
     The attainable accuracy counts as an estimator.
     """

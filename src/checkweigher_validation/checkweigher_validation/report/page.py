@@ -30,8 +30,9 @@ def render(
     """Return the report of an evaluation as one HTML page that needs no other file.
 
     The report covers the test passes or, if there are none, the training passes. The evaluation
-    must have at least one condition. If `nominal`, a nominal quantity of prepackages in kg, is
-    given, the report shows its limits and whether a scale of the class may check such prepackages.
+    must have at least one condition. `nominal` is a nominal quantity of prepackages in kg, or None.
+    The report shows the limits of this quantity, and whether a scale of the class may check the
+    prepackages.
 
     Raises `ValueError` if 76/211/EEC has no limits for `nominal`.
     """

@@ -112,9 +112,9 @@ def amplitude_spectrum(
     """Return the frequencies, (m,), and the amplitude spectrum, (m,), of a signal, (n,).
 
     A signal of fewer than `_SPECTRUM_POINTS` samples is padded with zeros to this length, so that
-    the spectrum is smooth. Therefore the signal should begin and end near zero. `sample_rate` and
-    the frequencies are in Hz. The amplitude is the magnitude of the Fourier transform, in the unit
-    of the signal per Hz.
+    the spectrum is smooth. Because of the zeros, the signal should begin and end near zero.
+    `sample_rate` and the frequencies are in Hz. The amplitude is the magnitude of the Fourier
+    transform, in the unit of the signal per Hz.
     """
     points = max(_SPECTRUM_POINTS, len(signal))
     frequency = np.fft.rfftfreq(points, 1 / sample_rate)

@@ -20,7 +20,7 @@ _FEWEST_OF_A_MASS = 5
 _FEWEST_FOR_OFFSET = 6  # smallest number of passes from which an offset is fitted beside the gain
 _DISTINCT_MASSES = 1.2  # masses are distinct above this ratio of the heaviest to the lightest
 _FOLDS = 5  # number of folds of `held_out_errors`.
-# Rate of the exponential prior of the share of the variance that is proportional to mass**2. On
+# Rate of the exponential prior for the fraction of the variance that is proportional to mass**2. On
 # [0, 1], the mean of this prior is 0.4.
 _PRIOR = 1.2
 
@@ -42,7 +42,7 @@ class Uncertainty:
     """Uncertainty with the variance ``std_dev**2 + (relative * mass)**2``."""
 
     std_dev: float  # standard deviation in kg of the part that does not depend on the mass
-    relative: float  # standard deviation, relative to the mass, of the part proportional to it
+    relative: float  # standard deviation of the part proportional to the mass, divided by the mass
 
 
 def calibrate(estimates: NDArray[np.float64], masses: NDArray[np.float64]) -> Calibration:
@@ -68,8 +68,8 @@ def are_distinct(masses: NDArray[np.float64]) -> bool:
 def index(errors: NDArray[np.float64], masses: NDArray[np.float64]) -> float:
     """Return the index A of `errors` in kg, (n,), averaged over the different `masses`, (n,).
 
-    All masses with fewer than five passes count together as one mass. If this mass has only one
-    pass, the magnitude of its error replaces the standard deviation.
+    All masses with fewer than five passes count together as one mass. If the combined mass has only
+    one pass, the magnitude of its error replaces the standard deviation.
     """
     values, counts = np.unique(masses, return_counts=True)
     groups = [errors[masses == value] for value in values[counts >= _FEWEST_OF_A_MASS]]
@@ -144,7 +144,7 @@ def uncertainty(errors: NDArray[np.float64], masses: NDArray[np.float64]) -> Unc
 
 
 def _growth(share: float, ratios: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the variance at mass ratios, (n,), relative to that at a ratio of 1."""
+    """Return the variance at mass ratios, (n,), relative to the variance at a ratio of 1."""
     return 1 - share + share * ratios**2
 
 

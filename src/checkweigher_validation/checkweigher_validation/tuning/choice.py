@@ -18,10 +18,12 @@ from checkweigher_validation.accuracy.passes import SpeedGroup
 from checkweigher_validation.tuning.calibration import folds, index
 from checkweigher_validation.tuning.tuner import UNTRAINED, Tuned, untrained
 
-# Estimators with at most one searched coefficient, which few passes can determine. The search of
-# the others takes minutes, and `learned` has a smaller A on random machines; see docs/accuracy.md.
+# Estimators with at most one searched coefficient, which few passes can determine. Other estimators
+# need a search of minutes, and have a larger A than `learned` on random machines; see
+# docs/accuracy.md.
 CANDIDATES = ('mean', 'hann', 'fir_model', 'learned')
-# Largest increase of ln A that is negligible. Between sets of 100 passes, A varies by more.
+# Largest increase of ln A that is negligible. Between sets of 100 passes, ln A varies by more than
+# this increase.
 _NEGLIGIBLE = math.log(1.05)
 _BLOCKS = 20  # number of blocks of passes for the jackknife
 _LEAST = 1e-12  # smallest A in kg, to avoid the logarithm of 0
@@ -33,7 +35,8 @@ def with_untrained(
     """Return `tuned`, with untrained `base` as the first entry if it weighs all passes.
 
     `groups` contains the training passes, cut with the parameters `base`. Untrained `base` is also
-    omitted if the number of its passes at a speed differs from that of a tuned estimator.
+    omitted if, at a speed, the numbers of passes in `groups` and in the result of a tuned estimator
+    differ.
     """
     default = untrained(groups, base)
     weighed = all(np.all(np.isfinite(speed.held_out_errors)) for speed in default.speeds)
@@ -46,16 +49,16 @@ def with_untrained(
 def choose(tuned: Mapping[str, Tuned]) -> tuple[str, str]:
     """Return the name of the chosen estimator, and the reason for the choice in one line.
 
-    The best estimator is that with the smallest A on held-out passes, averaged over the belt speeds
-    by the geometric mean. A simpler estimator, which precedes the best one in `ESTIMATORS`, is
-    chosen instead if its ln A exceeds that of the best by a negligible amount, even after one
-    standard error of the difference is added. This is not a significance test: in about one such
-    choice in six, the difference is not negligible. The standard error is computed by a jackknife
-    over blocks of passes. With few passes, the standard error is so large that the best estimator
-    is chosen. Disturbances cancel in the difference, because both estimators weigh the same passes.
-    The parameters without training, if `tuned` contains them, count as the simplest estimator.
-    These parameters are also chosen if their ln A exceeds that of the best estimator by at most one
-    standard error of the difference. [own derivation]
+    The best estimator has the smallest A on held-out passes, as a geometric mean over the belt
+    speeds. An estimator is simpler than the best one if it precedes the best one in `ESTIMATORS`. A
+    simpler estimator is chosen instead if the increase of ln A plus one standard error of the
+    increase is negligible. This rule is not a significance test: in about one of six choices of a
+    simpler estimator, the increase is not negligible. The standard error is computed by a jackknife
+    over blocks of passes. With few passes, the standard error is so large that no simpler tuned
+    estimator is chosen. Disturbances cancel in the increase, because both estimators weigh the same
+    passes. The parameters without training, if `tuned` contains them, count as the simplest
+    estimator. The parameters without training are also chosen if the increase of ln A is at most
+    one standard error. [own derivation]
 
     Raises `ValueError` if `tuned` is empty.
     """

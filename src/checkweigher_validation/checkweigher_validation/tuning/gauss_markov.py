@@ -55,15 +55,15 @@ class TunedGaussMarkov(Tunable):
 
     @property
     def is_closed_form(self) -> bool:
-        """Whether nothing is searched: False, because the order of the noise model is searched."""
+        """Always False, because the order of the noise model is searched."""
         return False
 
     @classmethod
     def prepare(cls, groups: Sequence[SpeedGroup], base: LineParameters) -> LineParameters:
         """Return `base` with a platform fitted to the passes of all speeds, if this lowers A.
 
-        A is computed on held-out passes. If the platform model does not lower it, the estimator has
-        no platform model: its parameter `sample_rate` is set to 0. Raises `TuningError` if the
+        A is computed on held-out passes. If the platform model does not lower A, the estimator gets
+        no platform model, and its parameter `sample_rate` is set to 0. Raises `TuningError` if the
         passes are too short or have no noise.
         """
         sample_rate = groups[0].passes[0].window.sample_rate
@@ -188,9 +188,9 @@ def fit_noise(
     """Fit a noise model to the passes of one speed, given a platform model.
 
     Returns the reflection coefficients of an autoregression, (order,), the standard deviation of
-    its innovations in kg, and the impact in s/m, which is the amplitude of the oscillation after
-    the entry per mass and belt speed. Raises `TuningError` if the passes are too short for the
-    order or have no noise.
+    its innovations in kg, and the impact in s/m. The impact is the amplitude of the oscillation
+    after the entry, divided by the mass and the belt speed. Raises `TuningError` if the passes are
+    too short for the order or have no noise.
     """
     whitener = _first_whitener(group, known)
     residuals, kicks = [], []

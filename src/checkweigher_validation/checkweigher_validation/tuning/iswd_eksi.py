@@ -31,8 +31,8 @@ class TunedIswdEksi(Tunable):
     def searched(self) -> tuple[Axis, ...]:
         """Return the axes of the search, one for each searched parameter.
 
-        The axis of `gamma5` and that of each threshold are included if the value of the parameter
-        in `base` is positive at this speed.
+        The axes of `gamma5` and of the thresholds are included only for parameters whose value in
+        `base` is positive at this speed.
         """
         found = list(self.estimator.axes)
         for name in ('gamma5', 'lambda5', 'lambda6', 'lambda7'):

@@ -2,20 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""Tuning of the learned estimator, whose weights follow from a covariance C of the signal.
 
-.. math:: C = R'R + a N + \sigma^2 (b I + c E + d K_r + e K_j + f K_b) + n (u u' + z^2 1 1')
+.. math:: C = R'R + a N + \sigma^2 (b I + c E + d K_r + e K_j + f K_b) + n (u u' + z^2 1 1').
 
 R contains the residuals of the n passes of a speed from their mean curve, and :math:`\sigma^2` is
-the mean of the variances of R. The other terms dominate if there are few passes. Each of the
+the mean of the variances of R. The other terms of C dominate if there are few passes. Each of the
 coefficients a, b, d, e and f is the number of passes to which its term is equivalent, and c is the
 weight of a pass at another speed. N is the covariance of the noise of the empty belt, and the
-identity matrix I is that of white noise. E is a sum over the other speeds: R'R at the same
-positions on the belt, divided by the mean of the variances of R at that speed. K_r, K_j and K_b are
-models of the covariance of three disturbances: damped swings that begin during the entry or at t2,
-jitter of the edges (the curve moved or stretched), and an uneven rise (a Brownian bridge from t1 to
-t2). The vector u is the change of the curve for a heavier product, whose oscillation is slower. The
-vector u is 0 if the masses differ enough, because R then contains this change. z is twice the
-stated standard deviation of the zero. The error of the zero is nearly equal in successive passes,
-and thus not visible in R.
+identity matrix I is the covariance of white noise. E is a sum over the other speeds: R'R at the
+same positions on the belt, divided by the mean of the variances of R at that speed. K_r, K_j and
+K_b are models of the covariances of three disturbances. K_r describes damped swings that begin
+during the entry or at t2. K_j describes jitter of the edges, which moves or stretches the curve.
+K_b describes an uneven rise, as a Brownian bridge from t1 to t2. The vector u is the change of the
+curve for a heavier product, whose oscillation is slower. The vector u is 0 if the masses differ
+enough, because R then contains the change of the curve. z is twice the stated standard deviation of
+the zero. The error of the zero is nearly equal in successive passes, and thus not visible in R.
 
 The weights are averaged over a grid and random points of the coefficients. Each point is weighted
 by its likelihood, which is computed from the held-out errors of the passes: the weights for a pass
@@ -48,14 +48,16 @@ from checkweigher_validation.tuning.calibration import are_distinct, calibrate
 from checkweigher_validation.tuning.tunables import Tunable
 
 _LONGEST_LEAD = 0.75  # longest used signal before t1, as a multiple of t3 - t1.
-# The gap of the training passes at a speed is this quantile of the gaps before their products.
+# Quantile of the gaps before the products that is used as the gap of the training passes at a
+# speed.
 _ALONE = 0.02
 _LESS = 0.95  # ratio of the gap required in production to that of the training passes
 _FEWEST = 3  # smallest number of passes from which weights are learned
 _SLOWER = 0.01  # assumed relative difference of the natural frequency between products
 _ZERO = 2.0  # ratio of z to the standard deviation of the zero that the segmenter states
-_LEAST_VARIANCE = 1e-18  # smallest variance in kg^2.
-# Grid of the coefficients a, b and c, with d, e and f of 0 for machines without such disturbances.
+_LEAST_VARIANCE = 1e-18  # smallest variance in kg^2, to avoid a division by 0.
+# Grid of the coefficients a, b and c. The coefficients d, e and f are 0, for machines without
+# swings, jitter and uneven rise.
 _GRID = tuple(
     product((0.0, 1.0, 10.0, 100.0), (0.01, 0.1, 1.0, 10.0), (0.0, 0.1, 1.0), *[(0.0,)] * 3)
 )
@@ -114,7 +116,7 @@ class Prior:
     """Terms of the covariance that do not depend on the residuals R of the speed."""
 
     noise: NDArray[np.float64]  # covariance of the noise of the empty belt, (k, k), in kg^2.
-    # Sum of R'R of the other speeds, each divided by the mean of the variances of that R, (k, k).
+    # Sum over the other speeds of R'R divided by the mean of the variances of R, (k, k).
     elsewhere: NDArray[np.float64]
     swings: NDArray[np.float64]  # covariance of damped swings, (k, k), with a mean variance of 1
     rise: NDArray[np.float64]  # covariance of an uneven rise, (k, k), with a mean variance of 1.
@@ -156,7 +158,7 @@ def _scaled(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
 class CrossValidatedFit:
     """Weights from all passes, and estimates of all passes by cross-validation."""
 
-    weights: NDArray[np.float64]  # (k,)
+    weights: NDArray[np.float64]  # weights of the features, (k,).
     # Load of each pass, (n,) in kg, estimated with weights from the deviations of the other passes.
     held_out: NDArray[np.float64]
 
@@ -168,8 +170,8 @@ def fit(known: Evidence, prior: Prior) -> CrossValidatedFit:
     after a calibration of gain and offset.
     """
     masses, curve, residuals = known.masses, known.curve, known.residuals
-    # Ratio of the residual of a pass from the curve of the other passes to its residual from the
-    # curve of all passes.
+    # Factor by which the residual of each pass increases if the curve is fitted to the other passes
+    # instead of all passes.
     others = 1 / (1 - masses**2 / (masses @ masses))
     pairs = [held_out(each, curve, residuals, others) for each in covariances(known, prior)]
     weights, errors = (np.array(each) for each in zip(*pairs, strict=True))
@@ -214,7 +216,9 @@ class TunedLearned(Tunable):
     def lists(self, values: Mapping[str, float]) -> dict[str, tuple[float, ...]]:
         """Return the weights for windows with and without the signal before t2.
 
-        The former are learned from the passes that have this signal, the latter from all passes.
+        The weights with the signal before t2 are learned from the passes that have this signal, and
+        the other weights are learned from all passes. If fewer than three passes have this signal,
+        the features before t2 have the weight 0.
         """
         alone, led = self._fits
         layout = self.known.layout

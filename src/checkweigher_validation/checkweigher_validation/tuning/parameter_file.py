@@ -113,9 +113,9 @@ def _sections(tuned: Mapping[str, Tuned]) -> dict[str, dict[str, object]]:
 def accuracy_lines(text: str) -> list[str]:
     """Return the lines of the table of accuracies in a parameter file.
 
-    The first line has the headings. After that, there is a line for each estimator at each speed
-    and, if the file has a reason for its choice, the line ``chosen: REASON``. The list is empty if
-    the file has no table.
+    The first line has the headings. The next lines describe the estimators, with a line for each
+    speed. If the file has a reason for its choice, the last line is ``chosen: REASON``. The list is
+    empty if the file has no table.
     """
     comments = (line.removeprefix('# ') for line in text.splitlines() if line.startswith('# '))
     return list(dropwhile(lambda line: not line.startswith('estimator '), comments))

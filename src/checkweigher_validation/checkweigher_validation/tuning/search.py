@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from checkweigher_dsp.estimation.estimators.base import Axis
 
 BUDGET = 240  # default number of evaluations
-_EXPLORED = 0.4  # fraction of the budget that is spread over the whole space
+_EXPLORED = 0.4  # fraction of the evaluations at points all over the search space
 _DESCENTS = 3  # largest number of simplex searches with different start points
-_APART = 0.25  # smallest distance between the start points of the simplex searches
+_APART = 0.25  # smallest distance between start points of simplex searches, in axis lengths
 _FIRST_STEP = 0.2
 _SEED = 1
 _DIGITS = 5  # significant digits of a value; more digits would differ between computers

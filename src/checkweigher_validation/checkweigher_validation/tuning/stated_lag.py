@@ -30,8 +30,8 @@ def stated_lag(passes: Sequence[KnownPass], segmenter: SegmenterParameters) -> S
     have been cut by the photo-eyes alone. The lag is modelled as a delay plus a distance divided by
     the belt speed. This model is fitted by least squares to the median lag at each speed, and its
     largest residual is added to the tolerance. Passes with faults or with an unknown lag are
-    ignored, and then also speeds with fewer than three remaining passes. With passes of one speed,
-    only the delay is fitted, and the distance is 0. `segmenter` is returned unchanged if its
+    ignored. Speeds at which fewer than three passes remain are also ignored. With passes of one
+    speed, only the delay is fitted, and the distance is 0. `segmenter` is returned unchanged if its
     tolerance is 0, or if all speeds are ignored.
     """
     rows = []

@@ -51,7 +51,7 @@ class Tunable:
 
     @cached_property
     def windows(self) -> list[WeighWindow]:
-        """Windows of the passes, denoised as in `base` if the estimator uses that signal."""
+        """Windows of the passes, denoised as in `base` if the estimator needs denoised windows."""
         return _windows(self.group, self.estimator, self.base)
 
     @classmethod
@@ -64,7 +64,7 @@ class Tunable:
 
     @property
     def is_closed_form(self) -> bool:
-        """Whether nothing is searched, so that learning again on a fold takes little time."""
+        """Whether the estimator has no searched parameters, so that tuning on a fold is fast."""
         return not self.estimator.axes
 
     @property
@@ -75,7 +75,7 @@ class Tunable:
     def search(
         self, badness: Callable[[Mapping[str, float]], float], budget: int
     ) -> tuple[Values, float]:
-        """Return the values with the smallest `badness` that was found, and that badness.
+        """Return the values with the smallest `badness` that the search finds, and this badness.
 
         `badness` is evaluated about `budget` times at most, as in `search`.
         """
@@ -89,7 +89,7 @@ class Tunable:
     def start(self, axis: Axis) -> float:
         """Return the start value of an axis, which is the value in `base` at this speed.
 
-        If `base` has no parameter of this name, it is the start value of the axis itself.
+        If `base` has no parameter of this name, the start value is `axis.start`.
         """
         known = self.known
         return known.at(axis.name, self.group.speed) if hasattr(known, axis.name) else axis.start

@@ -66,7 +66,7 @@ class TunedSpeed:
     calibration: Calibration  # gain and offset, fitted to all passes
     uncertainty: Uncertainty
     zero_std_dev: float  # median standard deviation of the zero in kg
-    index: float  # A on the training passes in kg
+    index: float  # overall index A on the training passes in kg
     masses: tuple[float, ...]  # true mass of each pass in kg, in order of entry
     held_out_index: float = math.nan  # A of the held-out errors in kg, NaN if not computed yet.
     # Error of each held-out pass in kg, in order of entry, or empty if not computed yet.
@@ -149,8 +149,9 @@ def tune(
 def untrained(groups: Sequence[SpeedGroup], base: LineParameters) -> Tuned:
     """Return the selected estimator of `base` without tuning, with its errors at each belt speed.
 
-    The error of a pass without a mass is NaN, and so is A at its speed. The fields `calibration`
-    and `uncertainty` contain no values of `base`: the gain is 1, and the uncertainty is 0.
+    The error of a pass without a mass is NaN. A at the speed of such a pass is also NaN. The fields
+    `calibration` and `uncertainty` contain no values of `base`: the gain is 1, and the uncertainty
+    is 0.
     """
     speeds = []
     for group in groups:

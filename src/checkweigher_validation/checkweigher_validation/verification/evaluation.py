@@ -2,26 +2,27 @@
 # SPDX-License-Identifier: Apache-2.0
 """Evaluation of a verification: comparison of each step with the limits of the accuracy class.
 
-The rules are:
+The evaluation follows the rules below.
 
 - In category X, the mean error and the standard deviation of passes are limited. In category Y, the
   error of each pass is limited instead. The module `checkweigher_validation.accuracy.classes`
-  contains these limits and their sources.
+  contains the limits and their sources.
 - The error of a load at rest must be within the limit of the mean error of category X, which
   applies in both categories.
 - The first reading of the empty belt after zeroing must be within 0.25 e of the zero that was set,
   where e is the verification scale interval. Later readings of the empty belt must be within 0.5 e
-  of this first reading. Readings of the empty belt during the warm-up must be within 0.5 e of the
+  of the first reading. Readings of the empty belt during the warm-up must be within 0.5 e of the
   first reading of the warm-up. The error of passes beside the middle of the belt must be within the
   limit of the class. Passes outside the range of dynamic setting must not get a mass. The rules on
   zero, eccentricity and range are from OIML R 51-1:2006, quoted from memory because its text was
   not available.
 - Inside the range of dynamic setting, a step fails if a pass did not get a mass. This program adds
-  this rule, because otherwise a machine could meet its limits by not weighing.
+  the rule on passes without a mass, because otherwise a machine could meet its limits by not
+  weighing.
 
-The stated uncertainty of an error is an expanded uncertainty with k = 2. This uncertainty combines
-the scatter of the passes, or the standard errors of the reading at rest and of its zero, with the
-uncertainty of the reference mass. The uncertainty is not subtracted from the limits.
+The stated uncertainty of an error is an expanded uncertainty with k = 2. The expanded uncertainty
+combines the scatter of the passes, or the standard errors of the reading at rest and of its zero,
+with the uncertainty of the reference mass. The uncertainty is not subtracted from the limits.
 """
 
 from collections import Counter
@@ -54,11 +55,11 @@ _CLOSE = 1.25  # largest ratio of a load to Min, or of Max to a load, that count
 _THIRD = (0.25, 0.5)  # smallest and largest load that counts as a third of Max, relative to Max.
 # Largest expanded uncertainty of a reference mass, relative to the error limit of its steps.
 _REFERENCE_SHARE = 1 / 3
-_SAME_SPEED = 0.05  # largest relative deviation of the median belt speed from the planned one.
+_SAME_SPEED = 0.05  # largest relative deviation of the median belt speed from the plan.
 # Kinds of steps for which OIML R 51-1 requires a number of weighings.
 _COUNTED = StepKind.PASSES, StepKind.ECCENTRICITY, StepKind.REPEATABILITY
 _LATE = 1.0  # largest deviation from a planned warm-up time in min.
-# Reading of the zero at calibration, which is 0 because readings are relative to it.
+# Reading of the zero at calibration, which is 0 because readings are relative to this zero.
 _CALIBRATED = AtRest(0.0, 0.0, 0.0, 0)
 
 
@@ -103,7 +104,7 @@ class AttemptResults:
     results: tuple[Result, ...]
     missing: tuple[str, ...]  # names of the steps that were not made
     gaps: tuple[str, ...]  # sentences on missing steps and tests, and on too few weighings
-    doubts: tuple[str, ...]  # a sentence for each other departure
+    doubts: tuple[str, ...]  # a sentence for each departure that is not in `gaps`
 
     @property
     def departures(self) -> tuple[str, ...]:
@@ -114,9 +115,9 @@ class AttemptResults:
     def verdict(self) -> str:
         """Verdict 'failed', 'incomplete', 'undecided' or 'passed'.
 
-        The last attempt that was made at each step counts. If no step failed, the verification is
-        incomplete if there are gaps, and otherwise undecided if there is another departure from the
-        rules.
+        The last attempt that was made at each step counts. If no step failed, the verdict is
+        'incomplete' if there are gaps, 'undecided' if there are only doubts, and otherwise
+        'passed'.
         """
         if any(each.failures for each in self.last):
             return 'failed'
@@ -166,12 +167,12 @@ def _zero_for(
 ) -> AtRest | None:
     """Return the zero that is subtracted from a reading, or None for the first warm-up reading.
 
-    For a load at rest, this is the latest reading of the empty belt. For a later reading of the
-    warm-up, it is the first reading of the warm-up. For the first reading after zeroing, it is the
-    last zero that was set before. For all other readings, it is the last reading of the step that
-    tests the zero after zeroing. Without any of these, it is the zero of the calibration.
-    `zeroings` contains the zeros that were set, and `zeros` the valid readings of the empty belt so
-    far with the kinds of their steps.
+    The zero of a load at rest is the latest reading of the empty belt. The zero of a later warm-up
+    reading is the first warm-up reading. The zero of the first reading after zeroing is the last
+    zero that was set before. The zero of any other reading is the last valid first reading after
+    zeroing. Without a valid reading or a zero that was set, the zero of the calibration is used.
+    `zeroings` contains the zeros that were set. `zeros` contains the valid readings of the empty
+    belt so far, with the kinds of their steps.
     """
     kind = attempt.step.kind
     if kind == StepKind.STATIC:
@@ -217,10 +218,10 @@ def _judge_passes(blank: Result, accuracy_class: AccuracyClass) -> Result:
 
     In a test of repeatability, the standard deviation is limited in category X, and the spread in
     category Y. In tests of warm-up and eccentricity, the error is limited. In a test of the kind
-    PASSES, the error is limited, and in category X also the standard deviation. An attempt at one
-    of these tests also fails if it has fewer weighings than planned, if a pass got no mass, or if
-    the median belt speed differs by more than 5 % from that of the step. A test outside the range
-    of dynamic setting fails if a pass got a mass, or if there are fewer passes than planned.
+    PASSES, the error is limited, and in category X also the standard deviation. A test inside the
+    range of dynamic setting also fails if there are fewer weighings than planned, if a pass got no
+    mass, or if the median belt speed differs by more than 5 % from the plan. A test outside the
+    range of dynamic setting fails if a pass got a mass, or if there are fewer passes than planned.
     """
     step, condition = blank.attempt.step, condition_of(blank.attempt)
     result = _with_figures(blank, condition)
@@ -317,8 +318,8 @@ def _gaps(plan: Plan, results: Sequence[Result], missing: Sequence[str]) -> Iter
 
 
 def _missing_tests(plan: Plan) -> Iterator[str]:
-    # The warm-up may be missing. Its test belongs to the type evaluation, and needs a machine that
-    # was without power for 8 h.
+    # Do not require the warm-up, because it belongs to the type evaluation, and needs a machine
+    # that was without power for 8 h.
     tests = {
         'zero': plan.zero,
         'eccentricity': plan.eccentricity,
@@ -330,7 +331,7 @@ def _missing_tests(plan: Plan) -> Iterator[str]:
 
 
 def _required(step: Step) -> int:
-    """Return the number of weighings that OIML R 51-1 requires for a step, or 0."""
+    """Return the number of weighings that OIML R 51-1 requires for a step, which may be 0."""
     return weighings_required(step.load.mass) if step.load and step.kind in _COUNTED else 0
 
 
@@ -341,8 +342,8 @@ def _too_few(step: Step, count: int, required: int) -> str:
 def plan_departures(plan: Plan, load_cell: LoadCell | None = None) -> Iterator[str]:
     """Yield a sentence for each departure from the rules that a verification by a plan will have.
 
-    If there is one, the verdict is not 'passed', even if each step is within its limits.
-    `load_cell` is the load cell of the line, or None if it is not known.
+    A verification with a departure does not get the verdict 'passed', even if each step is within
+    its limits. `load_cell` is the load cell of the line, or None if it is not known.
     """
     if load_cell is not None:
         yield from _foreign_device(plan, load_cell)
@@ -358,7 +359,7 @@ def plan_departures(plan: Plan, load_cell: LoadCell | None = None) -> Iterator[s
 def _doubts(procedure: Procedure, results: Sequence[Result]) -> Iterator[str]:
     """Yield a sentence for each departure that makes the meaning of a result uncertain.
 
-    Such a departure makes the verdict 'undecided' if no step failed and there are no gaps.
+    If a sentence is yielded, the verdict is 'undecided', unless a step failed or there are gaps.
     """
     yield from _warm_up_departures(procedure.plan, results)
     yield from _load_departures(procedure.plan)
@@ -388,9 +389,10 @@ def _step_departures(procedure: Procedure, results: Sequence[Result]) -> Iterato
 
 
 def _foreign_cell(procedure: Procedure) -> Iterator[str]:
-    """Yield a sentence if the load cell is not that of the plan, or not calibrated as in the log.
+    """Yield a sentence for a wrong load cell, and a sentence for a wrong calibration.
 
-    The calibration in the samples is compared with that in the audit log.
+    The load cell is compared with the plan. The calibration in the samples is compared with the
+    calibration in the audit log.
     """
     yield from _foreign_device(procedure.plan, procedure.load_cell)
     calibration = procedure.identity.get('audit_log_calibration')
@@ -399,11 +401,11 @@ def _foreign_cell(procedure: Procedure) -> Iterator[str]:
 
 
 def _foreign_device(plan: Plan, own: LoadCell) -> Iterator[str]:
-    """Yield a sentence if a load cell is not that of the plan.
+    """Yield a sentence if the load cell of the line is not the load cell of the plan.
 
-    `own` is the load cell of the line. Its serial number must be that of the load cell or that
-    of the amplifier in the plan, because a digital load cell sends the serial number of its
-    amplifier.
+    `own` is the load cell of the line. The serial number of `own` must be the serial number of the
+    load cell or of the amplifier in the plan, because a digital load cell sends the serial number
+    of its amplifier.
     """
     planned = [str(each.get('serial', '')) for each in (plan.load_cell, plan.amplifier)]
     if own.serial_number not in filter(None, planned):
@@ -465,5 +467,5 @@ def _warm_up_departures(plan: Plan, results: Sequence[Result]) -> Iterator[str]:
 
 
 def minutes_after(result: Result, first: Result) -> float:
-    """Return the time in min from the start of the attempt `first` to that of `result`."""
+    """Return the time in min from the start of the attempt `first` to the start of `result`."""
     return (result.attempt.begin - first.attempt.begin) / (1e9 * MINUTE)

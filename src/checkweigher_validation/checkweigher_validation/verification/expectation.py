@@ -29,11 +29,12 @@ class Expected(NamedTuple):
 def expected_uncertainties(plan: Plan, std_dev: float, zero: float = 0.0) -> Iterator[Expected]:
     """Yield the expected uncertainty of each step with an error limit, except later zero readings.
 
-    These steps are the first zero reading and all steps with a load, except those outside the range
-    of dynamic setting and the test of repeatability. The uncertainty of a load combines that of the
-    reference mass and, for passes, the standard deviation of their mean error. `std_dev` is the
-    standard deviation of the error of a single pass in kg, and `zero` is the standard deviation in
-    kg of a zero that an operator sets. Each is 0 if it is not known.
+    Steps with an error limit are the first zero reading and all steps with a load, except steps
+    outside the range of dynamic setting and the test of repeatability. The uncertainty for a load
+    combines the uncertainty of the reference mass and, for passes, the standard deviation of the
+    mean error. `std_dev` is the standard deviation of the error of a single pass in kg, and `zero`
+    is the standard deviation in kg of a zero that an operator sets. An unknown standard deviation
+    is 0.
     """
     own = plan.accuracy_class
     for step in steps_of(plan):

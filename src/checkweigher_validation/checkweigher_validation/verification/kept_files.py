@@ -14,8 +14,9 @@ from checkweigher_recording.bags.results import mcap_digest
 def verification_faults(folder: Path, values: Any) -> Iterator[str]:
     """Yield a sentence for each file of a verification that its audit log entry does not confirm.
 
-    `values` is the content of the entry. It contains the digest of the bag under the key 'bag', and
-    the digests of the other files by file name. `folder` contains the bag and the other files.
+    `values` is the content of the entry. The entry contains the digest of the bag under the key
+    'bag', and the digests of the other files by file name. `folder` contains the bag and the other
+    files.
     """
     what = f'verification {folder.name}'
     if not isinstance(values, dict):

@@ -3,7 +3,7 @@
 """Plan of a verification: a YAML file with machine, accuracy class, reference masses and tests.
 
 `EXAMPLE` is a plan with a comment for each key. Masses are in g, and speeds are in m/min. A test
-without a section in the plan is not made, and the report mentions that.
+without a section in the plan is not made. The report mentions each missing test except the warm-up.
 """
 
 from collections.abc import Mapping, Sequence
@@ -104,7 +104,7 @@ class WarmUp(PassesOfLoad):
 
 @dataclass(frozen=True, kw_only=True)
 class Eccentricity(PassesOfLoad):
-    """Section of a plan with the passes of one load beside the middle of the belt."""
+    """Section of a plan with the passes of one load at several positions across the belt."""
 
     positions: tuple[str, ...] = parameter(text='names of positions across the belt')
 
@@ -150,8 +150,8 @@ class Plan(Settings):
 
     The fields have the units in their names, and the properties have SI units. The field of a test
     is None or empty if the test is not made. Raises `SettingsError` if the class does not allow e,
-    Min and Max, if a load is outside its range or unknown, if a value is listed twice, or if the
-    class is not suitable for one of the prepackages.
+    Min and Max, if a load is unknown or outside the weighing range, if a value is listed twice, or
+    if the class is not suitable for one of the prepackages.
     """
 
     machine: Mapping[str, str] = parameter(text='nameplate of the machine')

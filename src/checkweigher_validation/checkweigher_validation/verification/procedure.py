@@ -31,8 +31,8 @@ from checkweigher_validation.verification.reweighing import conflicts, is_weighe
 from checkweigher_validation.verification.steps import Step, steps_of
 
 # Keys of the identity record in a bag. The record contains the name of the program that recorded
-# the bag, the name of the audit log and the hash of its last entry, digests, and in `how` the way
-# in which the steps were recorded.
+# the bag, the name of the audit log, the hash of the last entry in this log, and digests. The value
+# of `how` states how the steps were recorded.
 IDENTITY = (
     'program',
     'program_sha256',
@@ -100,7 +100,8 @@ class Procedure:
     digest: str  # SHA-256 of the bag.
     # Items without a mass that did not enter during an attempt that consists of passes.
     faults_between: tuple[ItemPass, ...] = ()
-    # A sentence for each change of settings since the first step, or None if this is unknown.
+    # A sentence for each change of settings since the first step, or None if the changes are
+    # unknown.
     changes: tuple[str, ...] | None = ()
     # A sentence for each conflict between verdicts, estimates and samples.
     conflicts: tuple[str, ...] = ()
@@ -215,8 +216,8 @@ def _reading(recording: Recording, begin: int, end: int) -> AtRest:
     """Return the reading from the sample blocks that are completely between two times in ns.
 
     The reading is not valid if there are fewer than ``10 * BATCHES`` samples, if samples between
-    the blocks were lost, or if a sample is at an end of the range of the converter. All masses are
-    then NaN, and `reasons` contains the first of these reasons that applies.
+    the blocks were lost, or if a sample is at an end of the range of the converter. The masses of a
+    reading that is not valid are NaN, and `reasons` contains the first of the reasons that apply.
     """
     cell, blocks = recording.load_cell, BlockColumns.of(recording.blocks)
     durations = (blocks.lengths * (NANOSECONDS / cell.sample_rate)).astype(np.int64)

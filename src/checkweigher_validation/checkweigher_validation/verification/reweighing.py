@@ -40,12 +40,12 @@ def conflicts(
 ) -> Iterator[str]:
     """Yield a sentence for each kind of conflict between verdicts, estimates and samples.
 
-    A mass in a verdict must equal that of its estimate, and may differ by at most 0.2 e from the
-    mass that is computed again from the samples. If the samples cannot be weighed again, a sentence
-    with the reason is yielded. `identity` is the identity record of the bag, which contains the
-    parameters of the nodes. `interval` is the verification scale interval e in kg. `begins`
-    contains the start times in ns of the recordings if several recordings were weighed separately,
-    and is empty otherwise.
+    A mass in a verdict must equal the mass in its estimate, and may differ by at most 0.2 e from
+    the mass that is computed again from the samples. If the samples cannot be weighed again, a
+    sentence with the reason is yielded. `identity` is the identity record of the bag, which
+    contains the parameters of the nodes. `interval` is the verification scale interval e in kg.
+    `begins` contains the start times in ns of the recordings if several recordings were weighed
+    separately, and is empty otherwise.
     """
     masses = {(each.item_id, each.t1): each.mass for each in estimates}
     other = [
@@ -92,8 +92,8 @@ def is_weighed(verdict: Verdict) -> bool:
     """Return whether an item got a mass.
 
     An item whose mass is NaN or infinite got no mass. An item with the decision FAULT got no mass
-    either, unless NoProduct is the only reason. An item with this only reason was weighed, but
-    there were no limits for its mass.
+    either, unless NoProduct is the only reason. An item with NoProduct as the only reason was
+    weighed, but there were no limits for its mass.
     """
     no_limits = verdict.reasons == (Reason.NO_PRODUCT.value,)
     return math.isfinite(verdict.mass) and (verdict.decision != Decision.FAULT or no_limits)
@@ -111,8 +111,8 @@ def _compared(
 ) -> Iterator[str]:
     """Yield a sentence for each kind of conflict between verdicts and items weighed again.
 
-    The masses of an item may differ by at most `tolerance` in kg. An item has the first verdict
-    whose t1 differs from its t1 by at most `SAME_ITEM`.
+    The masses of an item may differ by at most `tolerance` in kg. The verdict of an item is the
+    first verdict whose t1 differs from t1 of the item by at most `SAME_ITEM` ns.
     """
     known = _known(verdicts)
     times = [t1 for t1, _ in known]

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Steps of a verification, with an instruction to the operator for each step.
 
-The tests have the order of the test report in OIML R 51-2:2006, of which only the table of contents
-was available, with one exception: the test of the zero precedes the tests that depend on the zero.
+The tests have the order of the test report in OIML R 51-2:2006, except that the test of the zero
+precedes the tests that depend on the zero. Only the table of contents of R 51-2 was available.
 """
 
 from collections.abc import Iterator
@@ -60,7 +60,7 @@ class Step:
     position: str = ''  # name of the position across the belt, empty except for eccentricity.
     # Planned time in min after the first step of the warm-up, or None in other tests.
     minutes: float | None = None
-    # Whether the passes before this step had another belt speed, or there were none.
+    # Whether the step has passes, and the previous passes had another belt speed or did not exist.
     is_new_speed: bool = False
 
     @property
