@@ -68,7 +68,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         if self._inputs.exist:
             self._conditions = self.output(ports.MACHINE_CONDITIONS)
             # An `Output` cannot be used, because a reject node in the same process would then not
-            # receive the messages of other publishers on this topic.
+            # receive the messages of other publishers on the topic `external_reject`.
             port = ports.EXTERNAL_REJECT
             self._external_rejects = self.create_publisher(port.type, port.name, port.qos)
         self._watch = DriverWatch(self.parameters.source)
@@ -110,7 +110,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
     def _declare_operation(self) -> Parameters | None:
         """Declare and return the operator's settings of a simulated machine.
 
-        Returns None for any other source.
+        Returns None if the source is not a simulated machine.
         """
         kind = devices.source_class(self.parameters.source).operation
         if kind is None:
@@ -120,7 +120,10 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         return found
 
     def _operate(self, changes: Sequence[Any]) -> None:
-        """Apply the settings that the operator has changed. rclpy has checked their ranges."""
+        """Apply the settings that the operator has changed.
+
+        rclpy has checked the ranges of the settings.
+        """
         assert self._operation is not None
         prefix = f'{self._operation.node}.'
         values = {
@@ -133,7 +136,7 @@ class DriverNode(ManagedStageNode[DriverParameters]):
             self._source.operate(self._operation)
 
     def activate(self) -> None:
-        """Begin a new stream with the calibration in the file, and activate the outputs.
+        """Begin a new stream with the values of the calibration file, and activate the outputs.
 
         A source that the last deactivation has closed is opened again. Raises `ParameterError` if
         the calibration file is invalid, or if the source cannot be opened.
@@ -231,9 +234,9 @@ class DriverNode(ManagedStageNode[DriverParameters]):
         return self._outputs.reset() or 'nothing was missed'
 
     def _restart_stream(self) -> str:
-        """Deactivate and activate the node, which applies a new calibration file to a new stream.
+        """Deactivate and activate the node, so that a new stream uses the new calibration file.
 
-        Returns the reason if the node is not active afterwards, otherwise ''.
+        Returns the reason of the failure if the node is not active afterwards, otherwise ''.
         """
         self.trigger_deactivate()
         self.trigger_activate()

@@ -13,8 +13,8 @@ from checkweigher_core.records import EyeEdge, LoadCell, SampleBlock
 class DriverWatch:
     """Monitor of the source `name` and of its stream.
 
-    Times are in s on a monotonic clock. Callers hold the lock of the process. The caller sets
-    `waits_for` to the condition for which the source is held back. The next event resets it to an
+    Times are in s on a monotonic clock. Callers must hold the lock of the process. The caller sets
+    `waits_for` to the condition that the source waits for. The next event resets `waits_for` to an
     empty string.
     """
 
@@ -63,7 +63,7 @@ class DriverWatch:
         """Return the findings on source, samples, clock and photo-eyes at time `now`.
 
         While the driver is inactive, only the finding on the source is returned. `offset_of_clocks`
-        is the Unix time minus `now` in s. `trouble` is the present fault of the source, or empty.
+        is the Unix time minus `now` in s. `trouble` is the present fault of the source, or ''.
         `figures` contains values of the source for the diagnostics, by name.
         """
         source = self._source(trouble, figures)
@@ -73,7 +73,8 @@ class DriverWatch:
         self._eyes.look(now)
         samples = self._samples.finding(now, now - self._began)
         eyes = self._eyes.finding(now)
-        if self._state != 'running' or self.waits_for:  # no samples are expected in these states
+        # A source that has ended or that waits sends no samples.
+        if self._state != 'running' or self.waits_for:
             samples, eyes = (
                 conclude(finding.aspect, 'none at present, see Source', (), finding.values)
                 for finding in (samples, eyes)

@@ -24,10 +24,10 @@ from checkweigher_driver.devices import DriverParameters
 from checkweigher_driver.health import DriverWatch
 from checkweigher_driver.sources import Source
 
-# Times in s after the line was ready for a stream at which the status is repeated. A subscriber
+# Times in s, from the start of a stream of events, at which the status is repeated. A subscriber
 # that is visible in the ROS graph may not be connected yet, and would get the first status only
-# with the next DDS heartbeat after 3 s. Until then the subscriber would assign items to the
-# previous stream.
+# with the next DDS heartbeat after 3 s. Without the first status, a subscriber would assign items
+# to the previous stream.
 _REPEATS = (0.2, 0.5, 1.0)
 # Longest wait in s for nodes that may be missing, and for edges that the segmenter may have missed.
 _PATIENCE = 5.0
@@ -81,7 +81,7 @@ class SourceStream:
         self._answered = False
         self.failure = self._trouble = ''
         self._flows = False  # whether events are being sent
-        self._repeats: list[float] = []  # times in s at which the status is repeated
+        self._repeats: list[float] = []  # monotonic times in s at which to repeat the status
 
     def begin(self, source: Source) -> None:
         """Begin a new stream of the events of `source`, in a new thread."""
@@ -93,8 +93,8 @@ class SourceStream:
     def end(self, close: Callable[[], None] | None = None) -> bool:
         """End the stream; return whether it was still running.
 
-        `close` is a function that closes the source. `close` is given if a read of the source may
-        block, because this read would otherwise not end. The method waits for the end of the
+        `close` is a function that closes the source. `close` must be given if a read of the source
+        may block, because this read would otherwise not end. The method waits for the end of the
         thread. If the thread has not ended after 2 s, a warning is logged, and the method returns.
         """
         was_running = self._running
@@ -199,7 +199,8 @@ class SourceStream:
             return
         pace, pacer = self._parameters.rate, None
         for event in cut_for_pace(source, rate, pace, self._parameters.block_time):
-            # The pacer starts at the first event, because a simulation needs some time to make it.
+            # The pacer starts at the first event, because a simulation needs some time before it
+            # yields this event.
             pacer = pacer or Pacer(pace, rate, time.monotonic())
             with self._changed:
                 left = max(pacer.due(event) - time.monotonic(), 0.0)
@@ -207,7 +208,7 @@ class SourceStream:
             yield event
 
     def _send(self, event: Event) -> None:
-        """Send an event, after a repetition of the status if one is due."""
+        """Send an event, after a repetition of the status if a repetition is due."""
         if self._repeats and time.monotonic() > self._repeats[0]:
             del self._repeats[0]
             self.report(StreamState.RUNNING, self._trouble)
@@ -289,7 +290,7 @@ class SourceStream:
         """Return whether the segmenter and at least `others` other subscribers are connected.
 
         The segmenter counts as connected when it has reported its progress in this stream. The
-        other subscribers are those of the topic of the samples.
+        other subscribers are subscribers of the samples.
         """
         return (
             self._answered
@@ -308,9 +309,9 @@ class SourceStream:
         """Wait until a condition holds, for at most `patience` s.
 
         Returns False if `end` was called in the meantime, otherwise True, also if the condition
-        does not hold yet. `what` is the name of the condition. Unless it is empty, a warning with
-        this name is logged every 5 s. After each failed check, `ask` is called with the waiting
-        time in s so far.
+        does not hold yet. `what` is the name of the condition in the warning that is logged every
+        5 s, or an empty string for no warning. After each failed check, `ask` is called with the
+        waiting time in s so far.
         """
         began = reminded = time.monotonic()
         with self._changed:

@@ -1,6 +1,9 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Calibration files, which are ROS parameter files. Older versions are kept in the same folder."""
+"""Calibration files, which are ROS parameter files.
+
+The older versions of a calibration file are kept in its folder.
+"""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -33,8 +36,8 @@ _FIRST_LINE = '# Made by checkweigher calibrate, version '
 def check_calibration_file(path: Path) -> None:
     """Raise CalibrationError or OutputError if a calibration cannot be written to a path.
 
-    An existing file must be a calibration file. A file in an installed package is refused, because
-    the next installation would replace it.
+    If the file exists already, it must be a calibration file. A file in an installed package is
+    refused, because the next installation would replace it.
     """
     check_not_installed(path)
     if path.is_dir():
@@ -83,7 +86,7 @@ def read_version(path: Path) -> int:
 def calibration_table(
     calibration: StaticCalibration, points: Sequence[CalibrationPoint]
 ) -> list[str]:
-    """Return lines with the values of a calibration and a table of its points."""
+    """Return lines of text with the values of a calibration and a table of its points."""
     lines = [
         f'counts_per_kg {calibration.counts_per_kg:.4f} +- '
         f'{calibration.counts_per_kg_uncertainty:.4f} 1/kg, zero_counts '
@@ -109,11 +112,11 @@ def write_version(
 ) -> int:
     """Write a calibration as the newest version of a file, and return the version number.
 
-    The previous version is kept as ``NAME.vN.yaml``. Other parameters are copied from the file
-    `base` or, by default, from the previous version, if there is one. `source` is the name of the
-    source whose parameters are set. Raises CalibrationError or OutputError if the file cannot be
-    written, and SettingsError if the copied parameters are invalid. An existing file is then left
-    unchanged.
+    The previous version N of ``NAME.yaml`` is kept as ``NAME.vN.yaml``. Other parameters are copied
+    from the file `base` or, by default, from the previous version, if there is one. `source` is the
+    name of the source whose parameters are set. Raises CalibrationError or OutputError if the file
+    cannot be written, and SettingsError if the copied parameters are invalid. After an error, an
+    existing file is unchanged.
     """
     check_calibration_file(path)
     old = read_version(path) if path.exists() else None
@@ -138,8 +141,9 @@ def write_version(
 def replace_version(path: Path, new: Path) -> int:
     """Replace a file by another file, and return the version number of the new content.
 
-    The old file is kept as ``NAME.vN.yaml``. Raises OutputError, and replaces nothing, if the old
-    file cannot be kept. Raises OSError if `new` cannot be moved to `path`.
+    The old file ``NAME.yaml`` is kept as ``NAME.vN.yaml``, where N is the next free version number.
+    Raises OutputError, and replaces nothing, if the old file cannot be kept. Raises OSError if
+    `new` cannot be moved to `path`.
     """
     version = max([0, *_kept_versions(path)]) + 1
     if path.exists():
@@ -153,7 +157,7 @@ def replace_version(path: Path, new: Path) -> int:
 def _keep(path: Path, version: int) -> None:
     kept = path.with_name(f'{path.stem}.v{version}{path.suffix}')
     try:
-        # The kept file exists already if an earlier attempt was interrupted after `os.link`.
+        # The file `kept` exists already if an earlier attempt was interrupted after `os.link`.
         with suppress(FileExistsError):
             os.link(path, kept)
     except OSError as error:
@@ -175,7 +179,7 @@ def _sections(path: Path | None) -> dict[str, Any]:
 
 
 def source_values(path: Path, source: str) -> dict[str, object]:
-    """Return the values that a parameter file sets for a source, by the names of its parameters.
+    """Return the values that a parameter file sets for the parameters of a source, by name.
 
     Raises SettingsError if the file is invalid or cannot be read.
     """
@@ -195,8 +199,8 @@ def _values_of(sections: Any, source: str) -> dict[str, object]:
 def calibrated_sources() -> list[str]:
     """Return the names of the sources with calibration parameters.
 
-    A bag, for example, has no such parameters. Raises ParameterError if a package that a source
-    needs is not installed.
+    For example, a bag has no calibration parameters. Raises ParameterError if a package that a
+    source needs is not installed.
     """
     return [name for name in SOURCES if _is_calibrated(name)]
 
@@ -214,7 +218,7 @@ def check_calibrated_source(source: str) -> None:
 def read_calibration(path: Path, source: str) -> tuple[float, float] | None:
     """Return counts_per_kg and zero_counts of a source, or None without a calibration file.
 
-    The result is also None if the source has no such parameters. Raises CalibrationError or
+    The result is also None if the source has no calibration parameters. Raises CalibrationError or
     SettingsError if the file is not a calibration of this source.
     """
     if 'counts_per_kg' not in source_class(source).parameters.entries() or not path.exists():

@@ -35,8 +35,8 @@ from checkweigher_driver.calibration.static_calibration import (
     StaticReading,
 )
 
-# Time in s beyond the parameter `patience` after which a call stops waiting for a reading, because
-# no samples arrive. While samples arrive, a reading ends by itself within `patience`.
+# Time in s that is added to the parameter `patience` for the timeout of a call. The timeout is
+# reached only if no samples arrive, because a reading otherwise ends within `patience`.
 _SILENCE = 5.0
 
 # Fields that StaticCalibration and the response of finish_calibration have in common.
@@ -63,7 +63,7 @@ class CalibrationServices:
         self._edges: dict[int, EyeEdge] = {}  # latest edge of each photo-eye in the stream
         self._stamp = 0  # stamp of the latest block in ns
         self._session: CalibrationSession | None = None  # None while the driver is inactive
-        self._waiting: Future | None = None  # result of the call that waits for a reading, or None
+        self._waiting: Future | None = None  # result for the call that waits, None if no call waits
         self._restart = restart
         # Function that publishes the feedback of the action, None if a service reads the load.
         self._tell: Callable[..., None] | None = None
@@ -80,10 +80,10 @@ class CalibrationServices:
         node.create_service(Trigger, ports.CANCEL_CALIBRATION, self._on_cancel)
 
     def apply(self, load_cell: LoadCell) -> LoadCell:
-        """Return a load cell with the calibration in the file.
+        """Return a load cell with the values of the calibration file.
 
-        The load cell is returned unchanged if there is no file, or if the source has no calibration
-        parameters. Raises ParameterError if the file is invalid.
+        The load cell is returned unchanged if there is no calibration file, or if the source has no
+        calibration parameters. Raises ParameterError if the calibration file is invalid.
         """
         found = self.read() or (load_cell.counts_per_kg, load_cell.zero_counts)
         return replace(load_cell, counts_per_kg=found[0], zero_counts=found[1])
@@ -92,7 +92,7 @@ class CalibrationServices:
         """Return counts_per_kg and zero_counts of the calibration file, or None without a file.
 
         The result is also None if the source has no calibration parameters. Raises ParameterError
-        if the file is invalid.
+        if the calibration file is invalid.
         """
         path = self._parameters.path
         try:
@@ -108,7 +108,7 @@ class CalibrationServices:
     def end(self) -> None:
         """End the calibration session at the end of a stream, and discard its points.
 
-        A call that waits for a reading then fails.
+        A call that waits for a reading fails.
         """
         self._session = None
         self._refuse('the driver was deactivated: activate it and begin again')
@@ -117,7 +117,7 @@ class CalibrationServices:
         """Add an event of the stream to the present reading, if a call waits for a reading.
 
         The call ends when the reading is complete, or with an error if the load cannot be read. The
-        caller holds the lock of the process.
+        caller must hold the lock of the process.
         """
         if isinstance(event, EyeEdge):
             self._edges[event.eye] = event
@@ -159,7 +159,7 @@ class CalibrationServices:
         """Return the calibration session and the path of the calibration file.
 
         Raises ValueError if the source has no calibration parameters, if the parameter `file` is
-        empty or its file cannot be written, or if the driver is not active.
+        empty or names a file that cannot be written, or if the driver is not active.
         """
         check_calibrated_source(self._source)
         path = self._parameters.path
@@ -264,11 +264,11 @@ class CalibrationServices:
     async def _write(
         self, session: CalibrationSession, path: Path, found: StaticCalibration
     ) -> int:
-        """Write the change to the audit log and then to the file, and return the file version.
+        """Write a calibration to the audit log and then to its file; return the file version.
 
         Raises ValueError if the log or the file cannot be written, or if the stream was restarted
-        in the meantime. If the change was written to the log but not to the file, the previous
-        calibration is then also written to the log.
+        in the meantime. If the calibration is written to the log but not to the file, the previous
+        calibration is then added to the log.
         """
         before = session.load_cell
         after = replace(before, counts_per_kg=found.counts_per_kg, zero_counts=found.zero_counts)

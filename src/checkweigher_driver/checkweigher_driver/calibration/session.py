@@ -109,7 +109,7 @@ class CalibrationSession:
 
         A complete reading becomes a point. The event is ignored if no load is being read. `now` is
         the time in s on a monotonic clock. Raises CalibrationError if the event is an edge, or if
-        the reading fails. No point is then added, and the session is idle.
+        the reading fails. After an error no point is added, and the session is idle.
         """
         reading, self.reading = self.reading, None  # idle after an error
         if reading is None:

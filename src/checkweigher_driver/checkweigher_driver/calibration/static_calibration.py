@@ -3,10 +3,10 @@
 """Static calibration: zero and sensitivity from readings of known masses at rest.
 
 The model ``counts = zero_counts + counts_per_kg * mass`` is fitted by weighted least squares. The
-variance of a point is the variance of its reading plus the variance of its mass in counts
-(effective variance: Orear, Am. J. Phys. 50, 912 (1982)). If the residuals are larger than these
-variances explain, for instance because the cell is not linear, the uncertainties are multiplied by
-the Birge ratio, the square root of chi-squared divided by its degrees of freedom.
+variance of a point is the variance of its reading plus the variance of its mass in counts (Orear,
+American Journal of Physics 50, 912, 1982). If the residuals are larger than these variances
+explain, for instance because the cell is not linear, the uncertainties are multiplied by the Birge
+ratio. The Birge ratio is the square root of chi-squared per degree of freedom.
 """
 
 from collections.abc import Sequence
@@ -81,8 +81,8 @@ class RestReading:
 
     The required time is `steadiness.duration`. The sensitivity of `load_cell` converts the
     tolerance of `steadiness` to counts. `latest` is the reading of the samples at the latest check,
-    even if the load moves. `latest` is None until a check has had enough samples, none of them at a
-    limit of the converter.
+    even if the load moves. `latest` is None until a check has had enough samples, all of them
+    strictly within the limits of the converter.
     """
 
     def __init__(self, load_cell: LoadCell, steadiness: Steadiness) -> None:
@@ -193,7 +193,7 @@ def calibrate(points: Sequence[CalibrationPoint]) -> StaticCalibration:
         sigma = np.hypot(of_readings, slope * of_masses)
         (slope, zero), covariance = np.polyfit(masses, readings, 1, w=1 / sigma, cov='unscaled')
     misfits = readings - zero - slope * masses
-    freedom = max(len(points) - 2, 1)  # with two points, the residuals are 0, and so is the ratio
+    freedom = max(len(points) - 2, 1)  # with two points, the residuals and `birge` are 0
     birge = math.sqrt(np.sum((misfits / sigma) ** 2) / freedom)
     slope_uncertainty, zero_uncertainty = np.sqrt(np.diag(covariance)) * max(birge, 1.0)
     if abs(slope) < _LEAST_SPAN * slope_uncertainty:

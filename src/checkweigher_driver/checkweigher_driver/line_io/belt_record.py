@@ -7,9 +7,9 @@ was killed or lost its power while items may have been on the belt. The names of
 survive a power cut. A separate thread writes the names, so that the outputs do not wait for the
 disk while the belt runs.
 
-An empty file with the suffix `.begun` shows that there was a record. If that file exists without a
-record, the record was lost, and the belt may have run. If neither file exists, the driver starts
-for the first time.
+An empty file with the suffix `.begun` shows that there was a record. If the `.begun` file exists
+without a record, the record was lost, and the belt may have run. If neither the record nor the
+`.begun` file exists, the driver starts for the first time.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -28,7 +28,7 @@ from checkweigher_core.state_files import state_file, sync_folder
 # Size of the file in bytes. The file is allocated at the start, because the disk may be full later.
 _SIZE = 16_384
 _NAME = 'rejector.record'
-# Record of an empty belt from an earlier version, which wrote no checksum.
+# Record of an empty belt from an earlier version of the driver, which wrote no checksum.
 _EMPTY_BEFORE = b'[false, [], []]'
 
 
@@ -49,7 +49,7 @@ class OnBelt:
     def of_line(cls, data: bytes) -> Self:
         """Return the state in the first line of a record.
 
-        If the record is damaged, the returned state is `released`, without items and doubts.
+        If the record is damaged, `released` is true in the result, and items and doubts are empty.
         """
         line = data.split(b'\n', 1)[0]
         if line == _EMPTY_BEFORE:
@@ -69,8 +69,8 @@ class OnBelt:
     def to_look_for(self) -> tuple[str, ...]:
         """Return the messages on what a person has to look for at the next start.
 
-        These are the messages on missed products and, if the belt may have run since it was known
-        to be empty, one message with the names of the items on the belt.
+        The result contains the messages on missed products. If the belt may have run since it was
+        known to be empty, the last message contains the names of the items on the belt.
         """
         if not self.released:
             return self.doubts
@@ -124,7 +124,7 @@ class BeltRecord:
         return found
 
     def _begin(self, created: bool) -> OnBelt:
-        """Lock, read and allocate the file, and create the file `.begun`; return the state."""
+        """Lock, read and allocate the file, and create `.begun`; return the state of the belt."""
         begun = self._path.with_name(f'{self._path.name}.begun')
         fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         found = OnBelt.of_line(os.pread(self._file, _SIZE, 0))
@@ -141,13 +141,13 @@ class BeltRecord:
     def keep(self, belt: OnBelt) -> None:
         """Write the state of the belt. If the belt starts, wait until the state is on the disk.
 
-        In other cases the method does not wait for the thread that writes the state. If the state
-        cannot be written, OSError is raised, at once if the belt starts, otherwise by a later call
-        in which `belt.released` is true. The belt must then not run. The next call writes again.
+        If the belt does not start, the method does not wait for the thread that writes the state.
+        Raises OSError if the state cannot be written, in which case the belt must not run. If the
+        belt does not start, a later call in which `belt.released` is true raises the error.
         """
         is_known = self._kept is not None and self._writing.done()
         if belt.released and is_known and (error := self._writing.exception()):
-            self._kept = None  # The next call writes again.
+            self._kept = None  # the next call writes the state again
             raise error
         if belt == self._kept:
             return

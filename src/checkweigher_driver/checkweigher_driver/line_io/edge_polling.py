@@ -27,10 +27,10 @@ class EdgePolling:
     """Detector of edges in polls of the photo-eyes. All times are in ns.
 
     An edge whose uncertainty exceeds `max_uncertainty` counts as a loss of the eyes. A time without
-    polls in which a product may have passed also counts as a loss. The last product covered each
-    eye for a certain time. The longest allowed time without polls is the shorter of these two
-    times, but at least twice `max_uncertainty` and at most `longest_gap`. Before the first product
-    it is `longest_gap`. `delay` is the time from an edge to the first poll that can show it.
+    polls in which a product may have passed also counts as a loss. The longest allowed time without
+    polls is the shorter of the times for which the last product covered the two eyes, but at least
+    twice `max_uncertainty` and at most `longest_gap`. Before the first product, the longest allowed
+    time is `longest_gap`. `delay` is the time from an edge to the first poll that can show it.
     """
 
     def __init__(self, max_uncertainty: int, longest_gap: int, delay: int) -> None:
@@ -89,7 +89,7 @@ class EdgePolling:
 
     @property
     def _longest_unseen(self) -> int:
-        """Longest time in ns without a poll in which no product can have passed unnoticed."""
+        """Longest allowed time in ns without polls, in which no product can pass unnoticed."""
         covered = min(self._covered.values(), default=self._longest_gap)
         return min(self._longest_gap, max(covered, 2 * self._max_uncertainty))
 

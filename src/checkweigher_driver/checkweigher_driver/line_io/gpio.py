@@ -23,7 +23,7 @@ from checkweigher_driver.sources import EdgeSource, EyeEvent, EyesBack, EyesLost
 
 _CONSUMER = 'checkweigher'
 _BUFFER_SIZE = 1024  # number of events that the buffer of the kernel can hold
-_WAIT = 0.2  # longest wait for an event in s
+_WAIT = 0.2  # longest wait in s for an event
 _Settings = dict[Iterable[int | str] | int | str, gpiod.LineSettings | None]
 _BIASES = {
     'as_is': Bias.AS_IS,
@@ -91,7 +91,7 @@ class EdgeOrder:
 
 
 class GpioEyes(EdgeSource):
-    """Photo-eyes on GPIO lines. The kernel stamps their edges on the real-time clock."""
+    """Photo-eyes on GPIO lines. The kernel stamps the edges on the real-time clock."""
 
     parameters = GpioEyesParameters
     trouble = ''
@@ -250,7 +250,7 @@ class GpioInputParameters(InputParameters):
 
 
 class GpioInputs(InputPort):
-    """Machine inputs on GPIO lines. The kernel stamps their edges on the real-time clock."""
+    """Machine inputs on GPIO lines. The kernel stamps the edges on the real-time clock."""
 
     parameters = GpioInputParameters
 

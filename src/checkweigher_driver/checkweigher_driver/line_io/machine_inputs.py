@@ -3,9 +3,9 @@
 """Machine inputs: rejects and readiness of inspection devices, guards, air pressure and bins.
 
 The input of a metal detector, X-ray or vision inspection is on while the device rejects an item.
-The other inputs are on while the guards are closed, the air pressure suffices, the bins have room
-and the inspection devices are ready. A broken wire of such an input therefore stops the line. The
-parameter `inverted` names the inputs with the opposite levels.
+The input of a condition is on while the guards are closed, the air pressure suffices, the bins have
+room or the inspection devices are ready. A broken wire of the input of a condition therefore stops
+the line. The parameter `inverted` names the inputs with the opposite levels.
 """
 
 from abc import ABC, abstractmethod

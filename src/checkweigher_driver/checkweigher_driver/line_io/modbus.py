@@ -288,7 +288,7 @@ class ModbusInputParameters(_DeviceParameters, InputParameters):
 
 
 class ModbusInputs(InputPort):
-    """Machine inputs on Modbus TCP. One request reads all of them."""
+    """Machine inputs on Modbus TCP. One request reads all inputs."""
 
     parameters = ModbusInputParameters
 
@@ -303,7 +303,7 @@ class ModbusInputs(InputPort):
         self._link.connect()
 
     def read(self) -> list[Reading]:
-        """Wait for the end of the poll period, and return one reading, with all levels."""
+        """Wait for the end of the poll period, and return one reading of all inputs."""
         time.sleep(max(0.0, self._next - time.monotonic()))
         self._next = time.monotonic() + self._parameters.poll_period
         begin = time.time_ns()

@@ -21,8 +21,8 @@ class ModbusLink:
     """Connection to one device. Only one thread uses it.
 
     `device_id` is the Modbus unit identifier. `timeout` is the longest wait in s for a connection
-    and for each answer. A request without a valid answer raises ModbusLinkError. The connection is
-    then closed; otherwise a late answer could be mistaken for the answer to the next request.
+    and for each answer. A request without a valid answer raises ModbusLinkError, and closes the
+    connection, so that a late answer is not mistaken for the answer to the next request.
     """
 
     def __init__(self, host: str, port: int, device_id: int, timeout: float) -> None:

@@ -56,10 +56,11 @@ class MachineOutputs:
 
     In the safe state the rejector has the state of the parameter `safe_state`, and the stop output
     is set. The outputs are in the safe state from `open` until `activate`, and after `safe` or
-    `close`. The stop output is also set during a fault, without a fresh permission to run, after a
-    product that the rejector may have missed, and if the previous run may have left items on the
-    belt. The stop after a missed product and after the previous run holds until `reset` is called,
-    or until a person resets a stop request whose text contains the messages on the products.
+    `close`. The stop output is also set during a fault, or without a fresh permission to run. The
+    stop output is also set if the rejector may have missed a product, or if the previous run may
+    have left items on the belt. A stop because of missed products or items of the previous run
+    holds until `reset` is called, or until a person resets a stop request that shows all messages
+    on them.
 
     A thread opens the port, and opens it again after an error. If `port` is None, the machine has
     no outputs.
@@ -85,7 +86,7 @@ class MachineOutputs:
     def ready(self) -> bool:
         """Whether the outputs can be switched.
 
-        This is also true before `open`, and if the machine has no outputs.
+        The property is also true before `open`, and if the machine has no outputs.
         """
         return not self._port_trouble
 
@@ -134,8 +135,8 @@ class MachineOutputs:
     def take(self, record: EyeEdge | Item | Verdict | Permission | StopRequest | None) -> None:
         """Update the outputs after an edge, an item, a verdict, a permission or a stop request.
 
-        None means that the stop request was reset. Edges, items and verdicts are ignored before
-        `open` and after `close`.
+        If `record` is None, the stop request was reset. Edges, items and verdicts are ignored
+        before `open` and after `close`.
         """
         now = time.monotonic_ns()
         with self._change() as control:

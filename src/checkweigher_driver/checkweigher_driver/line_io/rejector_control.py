@@ -89,10 +89,11 @@ class RejectorControl:
     permission of the node reject, while `held` is true, and after a missed product.
 
     The times of pulses and permits follow from the positions of the items. After a stop of the belt
-    that no belt input has measured, the positions are unknown. All permits are then cancelled, and
-    the line stops until a person has looked for the rejected items. `permits` is true if the
-    machine has a permit output. `stations` is the number of sorting stations in addition to the
-    rejector. In the safe state the stations are off, so that only the rejector removes items.
+    that no belt input has measured, the positions are unknown. If the positions are unknown, all
+    permits are cancelled, and the line stops until a person has looked for the rejected items.
+    `permits` is true if the machine has a permit output. `stations` is the number of sorting
+    stations in addition to the rejector. In the safe state the stations are off, so that only the
+    rejector removes items.
     """
 
     def __init__(
@@ -224,8 +225,8 @@ class RejectorControl:
     def verdict(self, verdict: Verdict, now: int) -> None:
         """Schedule the pulse and the permit of an item according to its verdict.
 
-        In the safe state nothing is scheduled. If the rejector is retracted in the safe state, a
-        rejected item is then reported as missed.
+        In the safe state nothing is scheduled, and a rejected item is reported as missed if the
+        rejector is retracted.
         """
         self._verdicts.verdict(verdict)
         rejected = verdict.decision != Decision.ACCEPT
@@ -247,7 +248,7 @@ class RejectorControl:
         self._sorter.reconnect(now)
 
     def disconnect(self) -> None:
-        """Record the loss of the connection, in which the state of the belt input is unknown."""
+        """Record the loss of the connection. The state of the belt input is unknown afterwards."""
         self._losses += self.connected
         self.connected = False
         self.motion.measured = None

@@ -82,11 +82,10 @@ class LineDecoder(Decoder):
     one unit of the last decimal, and `decimals` is the number of decimals. Raises ValueError if the
     pattern is invalid.
 
-    Lines end with CR, LF or both. A line that does not match, or whose count is not a 32-bit
-    integer, counts as one lost reading, or as several if it is more than two bytes longer than the
-    last valid line.
-    Lost readings are counted only after the first reading. Bytes before the first line end are
-    skipped.
+    Lines end with CR, LF or both. A line is invalid if it does not match the pattern, or if its
+    count is not a 32-bit integer. An invalid line counts as one lost reading, or as several if it
+    is more than two bytes longer than the last valid line. Lost readings are counted only after the
+    first valid reading. Bytes before the first line end are skipped.
     """
 
     waiting = 0  # `feed` returns the reading of every complete line immediately
@@ -120,8 +119,7 @@ class LineDecoder(Decoder):
         if lines and not self._begun:
             self._begun = True
             self.skipped_bytes += len(lines.pop(0))
-        # Keep only the beginning of a line that is too long. The line is refused when its end
-        # arrives.
+        # Keep only the beginning of a line that is too long; the line is refused at its end.
         self._data = rest[: _LONGEST_LINE + 1]
         self.skipped_bytes += len(rest) - len(self._data)
         counts, lost = [], []

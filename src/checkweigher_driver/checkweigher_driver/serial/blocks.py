@@ -17,10 +17,10 @@ class BlockMaker:
     """Conversion of reads to blocks of samples.
 
     The index continues after a break of the connection, and jumps by the number of lost samples.
-    Blocks are held back while their stamps are uncertain: for 1 s at the start, while reads are
-    over 20 ms late, and for 1 s after a step of the host clock or after a loss of samples that the
-    decoder did not detect. If the step or loss exceeds 20 ms, an item on the belt gets the decision
-    FAULT.
+    Blocks are held back while their stamps are uncertain. Stamps are uncertain for 1 s at the
+    start, while reads are over 20 ms late, and for 1 s after the host clock was set back by more
+    than 5 ms. If a step of the host clock exceeds 20 ms, or if the decoder has not detected a
+    loss of more than 20 ms of samples, an item on the belt gets the decision FAULT.
 
     `latency` is the shortest time in s from a sample to the read that returns it. `limits` contains
     the lower and the upper limit of the converter in counts.
@@ -38,8 +38,8 @@ class BlockMaker:
     def resume(self, reads: Sequence[Read]) -> None:
         """Increase the index by the number of samples that were lost in a break.
 
-        `reads` are the first reads after the break. The number is computed from the read with the
-        smallest delay, and is at least 1.
+        `reads` are the first reads after the break. The number of lost samples is computed from the
+        read with the smallest delay, and is at least 1.
         """
         index, least = self.index - 1, math.inf
         for read in reads:
@@ -51,8 +51,8 @@ class BlockMaker:
         """Convert a read to blocks, and yield the blocks whose stamps are certain now.
 
         The yielded blocks include those that were held back before. A new block begins after each
-        gap in the samples. A reading that overflows is replaced by the limit of the converter with
-        its sign.
+        gap in the samples. A negative reading that overflows is replaced by the lower limit of the
+        converter, any other reading that overflows by the upper limit.
         """
         values, (low, high) = read.values, self._limits
         at_limit = np.where(values.counts < 0, low, high)

@@ -6,19 +6,19 @@ A frame is a 24-bit two's complement number with the most significant byte first
 its bytes or a status byte, then CR LF on some models. CR and LF also occur inside frames, so they
 do not delimit frames.
 
-A place is a position in the data at which frames may begin. At the true place, frames do begin.
-Without CR LF, a valid XOR does not prove that a place is the true place, because frames also seem
-valid at wrong places if the signal changes slowly. For example, in A B C X A B C X with X = A ^ B ^
-C, each byte is the XOR of the three bytes before it. Frames that are read one byte late then seem
-invalid only if A changes.
+A place is a position in the data at which frames may begin. The true place is a position at which
+frames begin. Without CR LF, a valid XOR does not prove that a place is the true place, because
+frames also seem valid at wrong places if the signal changes slowly. For example, in A B C X A B C X
+with X = A ^ B ^ C, each byte is the XOR of the three bytes before it. Frames that are read one byte
+late therefore seem valid unless the most significant byte A changes.
 
 At a wrong place, a change d of the reading appears as a change of 256 d or more, with an error of
 at most 255. If several frames seem valid at several places, the readings at the true place
 therefore change least from frame to frame. A frame without CR LF is returned only if it and the
 next four frames are valid, and if the readings at no other place change much less. A wrong byte
 therefore also discards up to four earlier frames. A wrong place is accepted only if the signal does
-not change for four frames. Frames that contain CR LF also before their end are treated in the same
-way.
+not change for four frames. Frames that contain CR LF also before their end are checked like frames
+without CR LF.
 """
 
 import math
@@ -34,8 +34,8 @@ TRAILERS = ('auto', 'crlf', 'none')
 _WITH_TRAILER, _WITHOUT = 6, 4
 # Number of consecutive valid frames that are needed to accept a place.
 _RUN = 5
-# The changes at one place are much smaller than those at another place if 8 times their sum plus 64
-# counts is below the sum of the changes at the other place.
+# Changes with the sum `a` at one place are much smaller than changes with the sum `b` at another
+# place, both in counts, if ``8 * a + 64 < b``.
 _CLEARLY, _TINY = 8, 64
 _AHEAD = _WITH_TRAILER * (_RUN + 1) - 1  # number of bytes that are needed to find the frame size
 _OVERFLOW = 0b0111  # status bits of net, gross and converter overflow
@@ -45,14 +45,14 @@ _UNUSED = 0b1100_0000  # status bits that are always 0
 class _Places:
     """Properties of the frames of one size that could begin at each byte of the data.
 
-    `counts` contains the readings of the frames. The other attributes are boolean: `overflow` marks
+    `counts` contains the readings of the frames. All other attributes are boolean. `overflow` marks
     an overflow that the device reports, `good` marks valid frames, and `doubtful` marks frames that
     may seem valid at a wrong place. `run` marks places at which five consecutive frames are valid.
-    `begins` marks such places if the readings change less there than at all other places with valid
-    frames, and `slipped` marks places at which the readings change much more than at another place
-    with valid frames. All attributes are arrays with one element for each position in the data from
-    which one complete frame follows; for `run`, `begins` and `slipped`, from which five complete
-    frames follow.
+    `begins` marks places of `run` at which the readings change less than at all other places with
+    valid frames. `slipped` marks places at which the readings change much more than at another
+    place with valid frames. Each attribute is an array with one element for each position in the
+    data from which one complete frame follows. For `run`, `begins` and `slipped`, five complete
+    frames must follow.
     """
 
     def __init__(self, data: NDArray[np.uint8], size: int, checksum: bool) -> None:
@@ -69,8 +69,8 @@ class _Places:
             np.zeros(n, bool) if checksum else (check & _OVERFLOW) != 0
         )
         # At each place, `run` tells whether four consecutive frames are valid, and `change` is the
-        # sum of the changes of their readings. Four frames that begin up to `size` - 1 bytes later
-        # lie within five frames of a place, so places are compared over nearly the same bytes.
+        # sum of the changes of their readings. Four frames that begin up to `size` - 1 bytes after
+        # a place lie within its five frames, so places are compared over nearly the same bytes.
         k = max(len(data) - size * _RUN + 1, 0)
         run, change = self._runs(size, _RUN - 1, k + size - 1 if k else 0)
         last = slice(size * (_RUN - 1), size * (_RUN - 1) + k)
@@ -166,8 +166,9 @@ class FrameDecoder(Decoder):
                 self._synchronised = True
                 size = self.frame_bytes
                 if places.doubtful[begin : begin + _RUN * size : size].any():
-                    # If bytes were lost within these five frames, the frames may seem valid at a
-                    # wrong place. Skip them, because only the place after them is certain.
+                    # If bytes were lost within the first five frames of a run, these frames may
+                    # seem valid at a wrong place. Skip the five frames, because only the place
+                    # after the frames is certain.
                     self._skip(_RUN * size)
                     position += _RUN * size
             number, broken = self._follow(places, position)
@@ -208,8 +209,8 @@ class FrameDecoder(Decoder):
     def _first(mask: NDArray[np.bool_], begin: int) -> int:
         """Return the first position at or after `begin` that is true in `mask`.
 
-        If there is none, the result is the length of `mask`, or `begin` if `begin` is beyond the
-        end of `mask`.
+        If no such position exists, the result is the length of `mask`, or `begin` if `begin` is
+        beyond the end of `mask`.
         """
         rest = mask[begin:]
         return begin + int(rest.argmax()) if rest.any() else max(len(mask), begin)

@@ -38,8 +38,8 @@ def open_port(name: str, baud_rate: int) -> serial.Serial:
 
 def reason_of(name: str, error: Exception) -> str:
     """Return the reason of an error of the serial port `name`, in words for a technician."""
-    # pyserial wraps some errors in another error, which has no error number. Then use the number of
-    # the wrapped error.
+    # pyserial wraps some errors in another error without an error number, so use the number of the
+    # wrapped error.
     number = getattr(error, 'errno', None) or getattr(error.__context__, 'args', (None,))[0]
     if number in (errno.EACCES, errno.EPERM):
         try:

@@ -53,7 +53,7 @@ class ValueReader:
         exception of the port is raised.
         """
         self.comes, self.trouble = False, ''
-        began, number = 0.0, 0  # start of the rate measurement in s, and number of readings since
+        began, number = 0.0, 0  # start in s and number of readings of the rate measurement
         last_value, idle_bytes = time.monotonic(), 0
         while not self._closed.is_set():
             # While the frame size is unknown, assume one byte, so that the read does not wait too
@@ -78,8 +78,8 @@ class ValueReader:
                 self._check_rate(number / (last_value - began))
                 began, number = last_value, 0
             self.comes = True
-            # The readings that still wait in the decoder have arrived after the last reading in
-            # `values`, one in each sample period. Subtract these sample periods.
+            # Subtract one sample period for each reading that still waits in the decoder, because
+            # this reading has arrived after the last reading in `values`.
             at = now - round(decoder.waiting * NANOSECONDS / self._rate)
             yield Read(values, at, len(data))
 
@@ -98,7 +98,7 @@ class ValueReader:
         """Return the first reads after a break, up to the first read whose time is reliable.
 
         The time of a read is not reliable if its bytes may have waited in the input buffer of the
-        port. Reads with at least 0.1 s of readings are returned, unless the reader is closed
+        port. The returned reads contain at least 0.1 s of readings, unless the reader is closed
         earlier.
         """
         first, number = [], 0

@@ -3,17 +3,16 @@
 """Estimation of the time of each sample from its index and from the times of the reads.
 
 Bus, operating system and scheduler can make a read late, but never early. Each read is a point: the
-index of its last sample, and its time. The true line of time over index therefore lies below all
-points.
-The estimate is the line below all points that has the smallest mean distance from the points. This
-line is an edge of the lower convex hull of the points, namely the edge at the middle of the window
-(Zhang, Liu and Xia, INFOCOM 2002). A delay of all reads, such as the transmission time of a frame,
-is given as `latency`.
+index of its last sample, and its time. The line of the true time over the index therefore lies
+below all points. The estimate is the line below all points that has the smallest mean distance from
+the points. The estimated line is an edge of the lower convex hull of the points, namely the edge at
+the middle of the window (Zhang, Liu and Xia, INFOCOM 2002). A delay of all reads, such as the
+transmission time of a frame, is given as `latency`.
 
-Two events require a new line. If a read is more than 5 ms too early, the clock of the host was set
-back or the index is too large. A new line then begins with this read. If all reads are more than
-5 ms late for 1 s, samples were lost without notice or the clock of the host was set forward. A new
-line then begins with the late reads. While reads are over 20 ms late, `settled` is false.
+If a read is more than 5 ms too early, a new line begins with this read, because the clock of the
+host was set back or the index is too large. If all reads are more than 5 ms late for 1 s, a new
+line begins with the late reads, because samples were lost without notice or the clock of the host
+was set forward. While reads are over 20 ms late, `settled` is false.
 """
 
 from collections import deque
@@ -31,13 +30,13 @@ _WINDOW = 60.0  # duration in s of the signal to which the line is fitted
 _BUCKET = 1.0  # duration in s of the signal whose points are reduced to their convex hull
 _REFIT = 0.25  # time in s between two fits
 _WARM_UP = 1.0  # duration in s of a new line before its use, and of late reads before a new line
-_WARM_UP_READS = 20  # smallest number of reads of a new line before its use, and of late reads
+_WARM_UP_READS = 20  # fewest reads of a new line before its use, and late reads before a new line
 _MAX_DRIFT = 0.02  # largest relative error of the nominal sample rate
 _KNOWN_DRIFT = 300e-6  # largest relative change of a known sample rate
 _KNOWN_AFTER = 20.0  # time in s after which the sample rate is known
-_SHIFT = 5_000_000  # smallest earliness or lateness of reads in ns that begins a new line
+_SHIFT = 5_000_000  # smallest deviation in ns of reads from the line that begins a new line
 _SLEW = 2e-3  # largest relative rate at which the stamps of a settled clock approach the line
-_WARM_UP_SLEW = 0.5  # largest relative rate of this approach before the clock is settled
+_WARM_UP_SLEW = 0.5  # largest relative rate at which stamps of an unsettled clock approach the line
 
 _Point = tuple[int, float]  # sample index, and delay in ns relative to the nominal sample rate
 
@@ -95,7 +94,7 @@ class SampleClock:
     def _begin(self, points: Sequence[_Point]) -> None:
         self._buckets: deque[list[_Point]] = deque()
         self._bucket: list[_Point] = list(points)
-        self._bucket_delays: list[float] = []  # delays in ns of the reads of this bucket
+        self._bucket_delays: list[float] = []  # delays in ns of reads in `_bucket`
         self._fit: _Line | None = None
         self._reads = len(points)
         self._from = points[0][0] if points else 0

@@ -96,7 +96,7 @@ class SerialSource(Source):
     """Load cell that streams readings over a serial port.
 
     The constructor opens the port and sets up the device. If the port disappears or the device is
-    silent, the source opens the port again and sets up the device again. The index then increases
+    silent, the source opens the port again and sets up the device again. The sample index increases
     by the number of samples that were lost in the meantime.
     """
 
@@ -179,7 +179,7 @@ class SerialSource(Source):
     def _open_again(self) -> None:
         """Try to open the port every 0.3 s until this succeeds or the source is closed.
 
-        Raises `SerialError` if the device that answers is not that of the first connection.
+        Raises `SerialError` if the device that answers is not the device of the first connection.
         """
         while not self._closed.wait(RETRY_TIME):
             try:
@@ -203,8 +203,9 @@ class SerialSource(Source):
     def close(self) -> None:
         """Stop the device and close the port.
 
-        During an iteration, the iterator does this after its present read, which ends within 0.1 s,
-        or after its present attempt to open the port. A closed source cannot be iterated again.
+        During an iteration, the iterator closes the port after its present read, which ends within
+        0.1 s, or after its present attempt to open the port. A closed source cannot be iterated
+        again.
         """
         self._closed.set()
         if not self._reading:

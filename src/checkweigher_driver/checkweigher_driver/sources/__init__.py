@@ -40,7 +40,7 @@ class Device(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Close the device. A blocking read then ends soon. Any thread may call this."""
+        """Close the device, so that a blocking read ends soon. Any thread may call this."""
 
     @property
     def trouble(self) -> str:
@@ -58,11 +58,11 @@ class Device(ABC):
 class Source(Device):
     """Source of samples and edges: a machine, a recording or a simulation."""
 
-    # Whether the caller has to wait until each event is due. For hardware this is false, because
-    # its iterator blocks until an event occurs.
+    # Whether the caller has to wait until each event is due. The value is false for hardware, whose
+    # iterator blocks until an event occurs.
     paced: ClassVar[bool]
     # Class of the settings that the operator of a simulated machine may change while the machine
-    # runs, or None without such settings.
+    # runs, None for other sources.
     operation: ClassVar[type[Parameters] | None] = None
     load_cell: LoadCell
     # Stamp in ns of the start of the next stream: the stamp of the first event of a recording, the
@@ -73,9 +73,9 @@ class Source(Device):
     def __iter__(self) -> Iterator[Event]:
         """Yield events in canonical order until the stream ends.
 
-        The canonical order is that of `checkweigher_core.recording.canonical_order`. With hardware,
-        an edge may be yielded before a block of earlier samples, because a block is yielded only
-        when it is complete.
+        `checkweigher_core.recording.canonical_order` defines the canonical order. With hardware, an
+        edge may be yielded before a block of earlier samples, because a block is yielded only when
+        it is complete.
         """
 
     def operate(self, operation: Any) -> None:
@@ -92,7 +92,7 @@ class EyesLost:
 
 @dataclass(frozen=True, slots=True)
 class EyesBack:
-    """End of a loss of the photo-eyes. They are read again from the time `stamp` in ns on."""
+    """End of a loss of the photo-eyes, which are read again from the time `stamp` in ns on."""
 
     stamp: int
 
@@ -114,8 +114,8 @@ class EdgeSource(Device):
     def events(self) -> Iterator[EyeEvent]:
         """Yield edges, and the start and end of each loss of the eyes, until `close` is called.
 
-        The stamps are on the same clock as those of the samples. Edges that `follow` returns are
-        not yielded. An exception ends the source that uses the eyes.
+        The stamps of edges and samples are on the same clock. Edges that `follow` returns are not
+        yielded. An exception ends the source that uses the eyes.
         """
 
     def follow(self, block: SampleBlock) -> list[EyeEdge]:

@@ -45,9 +45,9 @@ class MachineSource(Source):
     def __iter__(self) -> Iterator[Event]:
         """Yield events when they occur, until `close` is called.
 
-        If a device fails, its exception is raised here. If the iterator of a device ends before
-        `close` is called, RuntimeError is raised. Both devices are closed at the end of the
-        iteration.
+        If a device fails, the iterator raises the exception of the device. If the iterator of a
+        device ends before `close` is called, RuntimeError is raised. Both devices are closed at the
+        end of the iteration.
         """
         shorten_switch_interval()
         threads = [

@@ -16,7 +16,7 @@ from checkweigher_driver.sources import Source
 from checkweigher_recording.simulation.operation import OperationParameters
 from checkweigher_recording.simulation.simulator import Simulation, SimulationParameters
 
-# Time in s from the request to kill the driver to the kill, so that the driver can answer the
+# Time in s from the request to kill the driver to its end, so that the driver can answer the
 # request.
 _LAST_WORDS = 0.5
 

@@ -18,8 +18,8 @@ _MAY_BE_TWO = {Reason.DISTANCE_FAULT.value, Reason.EDGE_MISMATCH.value}
 # Longest travel time to the rejector in ns. A reject time that is further in the future must be on
 # the clock of another computer.
 _FURTHEST = 600 * NANOSECONDS
-# If a verdict has one of these reasons, the belt may have stopped or changed its speed during the
-# passage of the item, so the arrival that was computed from the speed is unreliable.
+# Reasons of a verdict that make the computed arrival unreliable, because the belt may have stopped
+# or changed its speed during the passage of the item.
 _SPEED_IN_DOUBT = {Reason.BELT_STOPPED.value, Reason.BELT_SPEED_CHANGED.value}
 _CLOCK_STEP = 5_000_000  # smallest detected step of the real-time clock, in ns
 
@@ -41,7 +41,7 @@ class Arrivals:
     """Conversion of the stamps in verdicts to times on the monotonic clock.
 
     If two products were merged into one item, its travel time from the infeed eye to the rejector
-    differs from the travel time of a single product. The times of such an item count as unknown.
+    differs from the travel time of a single product. The times of merged products count as unknown.
     """
 
     def __init__(self, motion: BeltMotion) -> None:
@@ -112,7 +112,7 @@ class Arrivals:
 def at_station(verdict: Verdict, times: Times | None) -> Times | None:
     """Return `times` with the arrival of the item at its station instead of the rejector.
 
-    Returns None if the arrival is unknown. If the item has no station, `times` is unchanged.
+    Returns None if the arrival is unknown. If the item has no station, `times` is returned.
     """
     if times is None or not verdict.station:
         return times

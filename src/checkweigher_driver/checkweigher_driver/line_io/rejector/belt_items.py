@@ -88,8 +88,8 @@ class BeltItems(list[BeltItem]):
         """
         item = self._find(verdict.t1)
         if item is None:
-            # Insert the item at the front, because `leave` also removes the items without a verdict
-            # in front of it.
+            # Insert the item at the front; otherwise `leave` would also remove the items without a
+            # verdict in front of the item.
             item = BeltItem(verdict.t1)
             self.insert(0, item)
         item.number, item.decision, item.end = verdict.item_id, verdict.decision, end
@@ -100,7 +100,7 @@ class BeltItems(list[BeltItem]):
     def leave(self, here: int) -> None:
         """Remove the items that have passed the rejector at belt time `here` in ns.
 
-        Items without a verdict in front of such an item are removed, too.
+        Items without a verdict in front of a removed item are removed, too.
         """
         passed = [each.end is not None and each.end <= here for each in self]
         gone = max((place for place, is_gone in enumerate(passed, 1) if is_gone), default=0)

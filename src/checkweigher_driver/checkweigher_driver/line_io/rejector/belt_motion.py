@@ -21,7 +21,7 @@ class BeltMotion:
         self._may_run = False
         # Time of the last heartbeat in ns, and whether the belt was allowed to run then.
         self._heartbeat: tuple[int, bool] | None = None
-        self._stopped_at: int | None = None  # time of the last stop that no belt input measured
+        self._stopped_at: int | None = None  # time in ns of the last unmeasured stop
 
     def measure(self, running: bool | None, now: int) -> int | None:
         """Record the state of the belt input; return the belt time if the belt starts, or None.

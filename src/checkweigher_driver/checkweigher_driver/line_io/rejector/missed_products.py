@@ -10,9 +10,9 @@ class MissedProducts:
     """Messages on missed products, which stop the line until they are cleared.
 
     `texts` contains up to three messages, and "and others" if there are more. `shown` is true if
-    the stop request shows all messages. A person who resets the stop request has then looked for
-    the products. `looked_at` is the time in ns on the monotonic clock at which messages were last
-    cleared, or None if this has not happened yet.
+    the stop request shows all messages. A person who resets a stop request with all messages has
+    looked for the products. `looked_at` is the time in ns on the monotonic clock at which messages
+    were last cleared, or None before the first time.
     """
 
     def __init__(self) -> None:
@@ -28,7 +28,7 @@ class MissedProducts:
 
     @property
     def pending(self) -> bool:
-        """Whether the stop request does not show all messages yet."""
+        """Whether there are messages that the stop request does not show yet."""
         return bool(self.texts) and not self.shown
 
     def add(self, text: str) -> None:

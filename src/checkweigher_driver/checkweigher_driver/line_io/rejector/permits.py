@@ -32,9 +32,9 @@ class Permits:
         """Add the permit of an item, and return True.
 
         If the item is already at the rejector, no permit is added, and the result is False. If a
-        permit would end less than a pause before the next permit, it is shortened.
-        `arrival` is the belt time in ns at which the item arrives at the rejector, and `passage` is
-        the time in ns that the item needs to pass the rejector.
+        permit would end less than a pause before the next permit, it is shortened. `arrival` is the
+        belt time in ns at which the item arrives at the rejector, and `passage` is the time in ns
+        that the item needs to pass the rejector.
         """
         if arrival < self._belt.at(now):
             return False

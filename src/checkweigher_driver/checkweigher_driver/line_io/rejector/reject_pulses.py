@@ -78,7 +78,7 @@ class BeltTime:
                 stood = run < since - entered
                 travel = travel * run // (since - entered)
             begin = self.at(since) + travel
-        # A stop that still lasts is not reported, because `resume` will extend the pulse.
+        # A stop that has not ended does not count as a delay, because `resume` extends the pulse.
         return begin, stood or (not self.stopped and begin != self.at(due))
 
 
@@ -87,7 +87,7 @@ class PulseTimes:
     """Durations of the pulse schedule in ns."""
 
     duration: int  # duration of the pulse for one item
-    min_pause: int  # shortest pause; closer pulses are joined
+    min_pause: int  # shortest pause between two pulses; closer pulses are joined
     late_tolerance: int  # largest delay with which a pulse still hits its item
     belt_margin: int  # extension at both ends of a pulse that a stop of the belt has delayed
 
@@ -124,8 +124,8 @@ class RejectPulses:
     def add(self, due: int, since: int | None, now: int, entered: int | None = None) -> int:
         """Add the pulse of an item; return the delay of the pulse in ns, 0 if it is in time.
 
-        The arguments `due`, `since` and `entered` are those of `BeltTime.arrival`. A pulse is in
-        time if it is late by at most `late_tolerance`. A later pulse begins at time `now`.
+        `BeltTime.arrival` has the same arguments `due`, `since` and `entered`. A pulse is in time
+        if it is late by at most `late_tolerance`. A later pulse begins at time `now`.
         """
         begin, delayed = self.belt.arrival(due, since, entered)
         here = self.belt.at(now)

@@ -13,13 +13,13 @@ _PERMISSION_TIME = round(FRESH_TIME * NANOSECONDS)
 class RunPermission:
     """Latest permission to run and latest stop request of the node reject.
 
-    A permission expires after `FRESH_TIME`. The node has then ended or hangs, and may have lost its
-    stop requests.
+    A permission expires after `FRESH_TIME`. If the latest permission has expired, the node reject
+    has ended or hangs, and may have lost its stop requests.
     """
 
     def __init__(self, missed: MissedProducts) -> None:
         self._missed = missed
-        # Arrival of the last permission in ns, and whether the line may run.
+        # Time in ns at which the last permission arrived, and whether the line may run.
         self._permission: tuple[int, bool] | None = None
         self._silent = False  # whether the last permission has expired
         self._asked = ''  # reason and hint of the last stop request for a cause outside the driver
@@ -38,7 +38,7 @@ class RunPermission:
         self._permission = now, permission.run
 
     def take_request(self, request: StopRequest | None) -> None:
-        """Record a stop request of the node reject, or None if the stop request was reset.
+        """Record a stop request of the node reject, or its reset if `request` is None.
 
         A reset clears the missed products if the stop request has shown the messages on all of
         them.

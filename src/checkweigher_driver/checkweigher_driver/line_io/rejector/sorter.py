@@ -90,8 +90,8 @@ class Sorter:
         """Return whether a person has cleared the belt while the item was on it.
 
         If a person has removed an item, its verdict comes only after the longest travel time of an
-        item. If the item is still on the belt after all, it later passes the outfeed eye and gets
-        no further verdict, which stops the line.
+        item. If the item is still on the belt, it later passes the outfeed eye and gets no further
+        verdict, which stops the line.
         """
         looked_at = self._missed.looked_at
         return looked_at is not None and self._arrivals.entered_before(verdict, looked_at)

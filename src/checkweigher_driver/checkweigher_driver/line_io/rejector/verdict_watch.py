@@ -14,9 +14,9 @@ class VerdictWatch:
     """Monitor for overdue verdicts, which show that the node reject hangs.
 
     All times are in ns; `now` is on a monotonic clock. `timeout` is the longest time from a product
-    at the outfeed eye to the next verdict. If `timeout` is 0, the travel time of the previous
-    product from the outfeed eye to the rejector is used, and 1 s before the first verdict with a
-    reject time.
+    at the outfeed eye to the next verdict. If `timeout` is 0, the limit is the travel time of the
+    previous product from the outfeed eye to the rejector. Before the first verdict with a reject
+    time, the limit is 1 s if `timeout` is 0.
     """
 
     def __init__(self, timeout: int) -> None:
