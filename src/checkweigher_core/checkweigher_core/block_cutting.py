@@ -3,7 +3,7 @@
 """Division of a recorded or simulated signal into blocks of samples.
 
 Long blocks are fast to process; short blocks arrive with little delay. The computed masses do not
-depend on the division. The time stamp of each sample is preserved to within 1 ns.
+depend on the lengths of the blocks. The time stamp of each sample is preserved to within 1 ns.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from checkweigher_core.recording import BlockColumns, Event, Recording
 from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, SampleBlock
 
-LONGEST = 0.25  # longest duration of a joined block in s, if the caller states no other
+LONGEST = 0.25  # default of the longest duration of a joined block in s
 _ROUNDING = 1  # largest rounding error of a stamp in ns
-_NEARLY = 1e-3  # tolerance in samples of the position of an edge, for the rounding of stamps
+_NEARLY = 1e-3  # tolerance of the position of an edge in samples, because stamps are rounded
 
 
 def join(
@@ -29,16 +29,15 @@ def join(
     *,
     ends_block: Callable[[EyeEdge], bool] = lambda edge: False,
 ) -> Iterator[Event]:
-    """Yield the events with fewer and longer blocks.
+    """Yield the events, with consecutive blocks joined into longer blocks.
 
     Consecutive blocks are joined up to `longest` s of signal, unless there is a gap between them in
     the sample index or in time. An edge is yielded before the block that contains the time of the
     edge. However, if `ends_block` returns True for an edge, or the block is longer than `longest`,
-    the block is cut at the edge, and the samples before the edge are yielded before the edge. A
+    the block is cut at the edge. The samples before the cut are yielded before the edge. A
     reference mass is yielded at once, also before samples that are still being joined. If `events`
-    are in the order of `recording.canonical_order`, blocks and edges are yielded in the order in
-    which a live source would send them, because a source sends a block after the last sample of
-    that block.
+    are in the order of `recording.canonical_order`, blocks and edges are yielded in the order of a
+    live source. A live source sends a block after the last sample of the block.
     """
     run = _Run(sample_rate, longest)
     for event in events:
@@ -56,7 +55,7 @@ def join(
 class _Run:
     """Consecutive blocks that will be joined into one block, called a run.
 
-    `sample_rate` is in Hz. The limit of the run is `longest` s of samples.
+    `sample_rate` is in Hz. Blocks are joined up to a limit of `longest` s of samples.
     """
 
     def __init__(self, sample_rate: float, longest: float) -> None:
@@ -120,9 +119,10 @@ class _Run:
 def join_recording(recording: Recording, longest: float = LONGEST) -> list[SampleBlock | EyeEdge]:
     """Return the blocks and edges of a recording, with fewer and longer blocks.
 
-    This function is a fast version of `join` for a whole recording, in which no edge ends a block.
-    In contrast to `join`, this function does not cut a block that is longer than `longest` s. Such
-    a block precedes the edges within it. Reference masses are omitted from the result.
+    This function is a fast version of `join` for a whole recording, without the argument
+    `ends_block`. In contrast to `join`, this function does not cut a block that is longer than
+    `longest` s, and returns the block before the edges that are within the block. Reference masses
+    are omitted from the result.
     """
     rate = recording.load_cell.sample_rate
     blocks = BlockColumns.of(recording.blocks)
@@ -152,13 +152,13 @@ def _starts(blocks: BlockColumns, sample_rate: float, longest: float) -> NDArray
     """Return the position in `blocks` of the first block of each joined block, shape (m,)."""
     first, limit = blocks.first_indices, longest * sample_rate
     lost = np.ones(len(blocks), bool)
-    # The first comparison detects an index that decreases. The difference alone might not show
-    # this, because a difference of unsigned integers cannot be negative, and wraps around instead.
+    # The first comparison detects an index that decreases. The difference might not show a
+    # decrease, because a difference of unsigned integers wraps around instead of being negative.
     lost[1:] = (first[1:] < first[:-1]) | (np.diff(first) != blocks.lengths[:-1].astype(np.uint64))
     begins = blocks.begins
     columns = (lost, blocks.stamps, begins, begins + blocks.lengths)
     starts: list[int] = []
-    origin = since = 0  # index in `counts` and stamp in ns of the first sample of the joined block
+    origin = since = 0  # position in `counts` and stamp in ns of the first joined sample
     rows = zip(*(column.tolist() for column in columns), strict=True)
     for number, (is_lost, stamp, begin, end) in enumerate(rows):
         expected = since + _duration(begin - origin, sample_rate)
@@ -180,8 +180,8 @@ def cut_for_pace(
 
     `pace` is the playback speed in seconds of signal per second. If `pace` is 0, the signal is
     played as fast as possible, and blocks are joined up to `LONGEST` s. At any other speed, blocks
-    are joined up to `block_time` s, and a block also ends at each t3, so that the weighing of the
-    product, which can begin at t3, is not delayed.
+    are joined up to `block_time` s. A block also ends at each t3, because the weighing of the
+    product can begin at t3.
     """
     if pace == 0:
         return join(events, sample_rate)

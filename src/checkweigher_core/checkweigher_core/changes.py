@@ -17,7 +17,8 @@ RECORD, REPORT = 'record', 'report'
 TUNED = 'tuned'
 TARE = 'tare'  # the tare of a product was checked with a sample of empty packages
 ALARM, RUN = 'alarm', 'run'  # RUN: the line was started, or was shut down normally
-TEST, TEST_BEGUN = 'test', 'test_begun'  # end of a performance test; its beginning or cancellation
+# TEST: end of a performance test; TEST_BEGUN: beginning or cancellation of a performance test.
+TEST, TEST_BEGUN = 'test', 'test_begun'
 SIGNATURE = 'signature'  # a person signed a batch record or a log entry electronically
 VERIFICATION = 'verification'  # a verification report was written
 SOFTWARE = 'software'  # digests of the legally relevant software, written when `product` starts
@@ -30,9 +31,9 @@ def plain(value: object) -> Any:
     """Convert a value to JSON types.
 
     Mappings are converted to dicts with strings as keys, and all other iterables except strings to
-    lists. Their values and elements are converted in the same way. NaN and infinities, which JSON
-    does not have, are converted to strings, as are values of all other types that JSON does not
-    have. Strings, finite numbers, bools and None are unchanged.
+    lists. The values of mappings and the elements of iterables are converted in the same way. NaN,
+    infinities, and values of all other types that JSON does not have are converted to strings.
+    Strings, finite numbers, bools and None are unchanged.
     """
     if isinstance(value, float) and not math.isfinite(value):
         return str(value)

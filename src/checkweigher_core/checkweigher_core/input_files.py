@@ -10,8 +10,8 @@ from pathlib import Path
 def read_input(path: Path) -> bytes:
     """Return the content of a regular file.
 
-    Raises OSError if the file cannot be read, or if it is a pipe or a device, because reading these
-    may never end.
+    Raises OSError if the file cannot be read, or for a pipe or a device, because reading might
+    never end.
     """
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise OSError(errno.EINVAL, 'not a regular file; copy it to a regular file', str(path))
@@ -19,6 +19,9 @@ def read_input(path: Path) -> bytes:
 
 
 def sha256_of(path: Path) -> str:
-    """Return the hexadecimal SHA-256 digest of a file. Raises OSError if it cannot be read."""
+    """Return the hexadecimal SHA-256 digest of a file.
+
+    Raises OSError if the file cannot be read.
+    """
     with path.open('rb') as file:
         return hashlib.file_digest(file, 'sha256').hexdigest()

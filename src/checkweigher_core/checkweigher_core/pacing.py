@@ -45,15 +45,12 @@ class FlowControl:
     The methods are not thread-safe.
     """
 
-    # Largest lag in s of signal. This limit must be less than the parameter `edge_lateness` of the
-    # segmenter, which otherwise would discard edges.
+    # Largest lag in s of signal. The lag must be less than the parameter `edge_lateness` of the
+    # segmenter, because the segmenter discards later edges.
     max_duration: float = 1.0
-    max_blocks: int = (
-        500  # lag in blocks above which sending stops, below the depth of the DDS queue
-    )
+    max_blocks: int = 500  # largest lag in blocks, below the depth of the DDS queue
     max_edges: int = 500  # largest lag in edges, below the depth of the DDS queue
-    # Number of items with a weigh window but without a verdict above which sending stops.
-    max_items: int = 100
+    max_items: int = 100  # largest number of items with a weigh window but without a verdict
 
     def __post_init__(self) -> None:
         self.samples_sent = 0
@@ -72,8 +69,8 @@ class FlowControl:
     def taken(self, samples: int, edges: int, items: int) -> None:
         """Update the numbers of samples, edges and items that the segmenter has processed.
 
-        If the number of samples or edges is less than before, the segmenter was restarted. The
-        events that were sent before are then no longer awaited.
+        If the number of samples or edges is less than before, the segmenter was restarted. Events
+        that were sent before a restart are no longer awaited.
         """
         if samples < self._samples_taken or edges < self._edges_taken:
             # Do not wait for the earlier events, because the segmenter was restarted and did not
@@ -102,7 +99,7 @@ class FlowControl:
     def awaits_edges(self, event: Event, sample_rate: float) -> bool:
         """Return whether an event must wait until the segmenter has processed earlier edges.
 
-        A block must wait if it ends so long after an edge that the segmenter would discard the
+        A block must wait if it ends so long after an edge that the segmenter might discard the
         edge. An edge must wait while the DDS queue of edges may be full.
         """
         if isinstance(event, SampleBlock):
@@ -114,7 +111,8 @@ class FlowControl:
         """Forget the edges that are not processed yet. Returns the number of forgotten edges.
 
         Edges are forgotten only if the segmenter has processed all samples; otherwise the result is
-        0. Such edges have not reached the segmenter, so the driver would wait for them forever.
+        0. An edge that is not processed by then has not reached the segmenter, so the driver would
+        wait for the edge forever.
         """
         lost = 0 if self._samples_on_their_way > 0 else len(self._edges)
         if lost:

@@ -3,8 +3,8 @@
 """Parameters of the processing stages, each with its unit, range and description.
 
 The parameters of a stage are the fields of a frozen dataclass, declared by `parameter`. A node
-declares these fields to ROS, a command reads them from a ROS parameter file, and `make docs` writes
-docs/parameters.md and config/line.yaml from them.
+declares the parameters to ROS, a command reads them from a ROS parameter file, and `make docs`
+writes docs/parameters.md and config/line.yaml from them.
 """
 
 from collections.abc import Callable, Collection, Iterable, Mapping
@@ -71,8 +71,8 @@ def parameter(
     ROS and the docs show `text` and `unit` (SI, empty for a dimensionless number). The range from
     `minimum` to `maximum` is inclusive, and applies to each element of a tuple. A string must be
     one of the `choices`. If `choices` is empty, any string is valid. This function also declares
-    the fields of a `settings_files.Settings` class. Such fields may have other types, and are
-    required if they have no default.
+    the fields of a `settings_files.Settings` class. A field of a `Settings` class may have another
+    type, and is required if it has no default.
     """
     return field(
         default=default,
@@ -143,11 +143,11 @@ class Parameters:
 
 
 def _names_like(name: str, known: list[str]) -> list[str]:
-    """Return the names to propose for an unknown name.
+    """Return the parameter names to propose for an unknown name.
 
-    These are the known names with the same prefix up to the last dot. If there are none, all known
-    names are returned, but names that begin with the same word and a dot are combined to one name
-    such as ``tvlpf.*``.
+    The proposals are the `known` names with the same prefix up to the last dot. If no name has this
+    prefix, all `known` names are returned, but names that begin with the same word and a dot are
+    combined to one name such as ``tvlpf.*``.
     """
     prefix, dot, _ = name.rpartition('.')
     inner = [other for other in known if dot and other.startswith(prefix + dot)]
@@ -273,7 +273,7 @@ def _own_values(
     found = {}
     for name, value in flatten(values).items():
         if name == 'use_sim_time' or name.startswith('qos_overrides.'):
-            continue  # rclpy declares these parameters for each node
+            continue
         if known and not any(name in names for names in known.values()):
             why = f'none of {", ".join(known)} has a parameter {name}'
             raise SettingsError(why, address, 'ros__parameters', *name.split('.'))
@@ -300,8 +300,8 @@ def check_sections(sections: object) -> dict[Any, dict[str, Any]]:
 def in_section(error: ParameterError, sections: Mapping[Any, Any]) -> SettingsError:
     """Return a copy of an error that also contains the path of its parameter in `sections`.
 
-    The path is empty if no section contains the parameter. If several sections contain it, the path
-    leads to the last of them.
+    The path is empty if no section contains the parameter. If several sections contain the
+    parameter, the path leads to the last of them.
     """
     made, (name, _, _) = SettingsError(str(error)), str(error).partition(': ')
     node, _, own = name.partition('.')

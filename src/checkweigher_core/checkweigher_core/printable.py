@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Printable texts for logs, messages and terminals."""
 
-# Default of the largest number of characters, before any are replaced by escape sequences.
+# Default of the largest number of characters of a text, before escape sequences are inserted.
 _LONGEST = 500
 
 

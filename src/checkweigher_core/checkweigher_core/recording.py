@@ -38,7 +38,7 @@ class Recording:
     load_cell: LoadCell
     blocks: Sequence[SampleBlock]
     edges: tuple[EyeEdge, ...]
-    references: tuple[Reference, ...] = ()  # empty if the masses are not known
+    references: tuple[Reference, ...] = ()  # known masses of items; empty if no mass is known
     warning: str = ''  # one-line warning for the user, for example that the recording is incomplete
 
     @classmethod
@@ -103,7 +103,7 @@ class BlockColumns(Sequence[SampleBlock]):
         ends = np.cumsum(lengths)
         moved = self.begins[order] - (ends - lengths)
         counts = np.empty_like(self.counts, shape=int(np.sum(lengths)))
-        for first in range(0, len(order), _AT_A_TIME):  # in parts, to limit the size of `places`
+        for first in range(0, len(order), _AT_A_TIME):  # copy in parts to save memory
             some = slice(first, first + _AT_A_TIME)
             begin, end = int(ends[some][0] - lengths[some][0]), int(ends[some][-1])
             places = np.repeat(moved[some], lengths[some]) + np.arange(begin, end)
@@ -127,7 +127,7 @@ class BlockColumns(Sequence[SampleBlock]):
         """Yield the blocks."""
         begins = self.begins
         columns = (self.stamps, self.first_indices, begins, begins + self.lengths)
-        for number in range(0, len(self), _AT_A_TIME):  # in parts, to limit the size of the lists
+        for number in range(0, len(self), _AT_A_TIME):  # convert in parts to save memory
             some = (column[number : number + _AT_A_TIME].tolist() for column in columns)
             for stamp, first, begin, end in zip(*some, strict=True):
                 yield SampleBlock(stamp, first, self.counts[begin:end])

@@ -3,8 +3,8 @@
 """Settings and state files as dataclasses, read from YAML or JSON and written as JSON.
 
 Each file format is a subclass of `Settings`. The type of a field is bool, a number, text, an
-enumeration, an array, a `Parameters` or `Settings` class, or a list or mapping of these. A file
-contains the name of an enumeration member in lower case.
+enumeration, an array, a `Parameters` or `Settings` class, or a list or mapping of these types. A
+file contains the name of an enumeration member in lower case.
 """
 
 from collections.abc import Iterable, Mapping
@@ -37,10 +37,10 @@ _Kind = TypeVar('_Kind', bound='Settings')
 class Settings:
     """Base class of the content of a file, or of a mapping in a file.
 
-    The fields are declared by `parameter`. A field with the name `name` contains the key of the
-    mapping in its enclosing mapping. `format` is the version of the file format. A file without a
-    version has version 1. `unknown` contains the values of unknown keys by key. `unknown` is empty
-    unless the file has a newer format, because otherwise an unknown key is refused.
+    The fields are declared by `parameter`. A field named `name` contains the key of the mapping in
+    the enclosing mapping. `format` is the version of the file format. A file without a version has
+    version 1. `unknown` contains the values of unknown keys by key. `unknown` is empty unless the
+    file has a newer format, because otherwise an unknown key is refused.
     """
 
     format: ClassVar[int] = 1
@@ -48,9 +48,10 @@ class Settings:
 
     @classmethod
     def prepared(cls, content: Any) -> Any:
-        """Return `content` converted to the present format. Here it is returned unchanged.
+        """Return `content` converted to the present format.
 
-        A subclass whose format has changed overrides this method to convert older formats.
+        The base class returns `content` unchanged. A subclass whose format has changed overrides
+        this method to convert older formats.
         """
         return content
 
@@ -96,7 +97,7 @@ def plain(value: Any) -> Any:
 
 @cache
 def _fields(kind: Any) -> dict[str, tuple['Field[Any]', Any]]:
-    """Return the field and the type of each key.
+    """Return the field and the type of each key of a `Settings` class.
 
     The key of a field whose name ends with an underscore, such as `class_`, is the name without the
     underscore. For a field of type ``T | None``, the type T is returned.
@@ -109,13 +110,13 @@ def _fields(kind: Any) -> dict[str, tuple['Field[Any]', Any]]:
 
 
 def settings_of(kind: type[_Kind], content: Any, *path: Any, newer: bool = False) -> _Kind:
-    """Return the settings in a mapping. Raises `SettingsError` if they are invalid.
+    """Return the settings in a mapping. Raises `SettingsError` if the settings are invalid.
 
     `path` contains the keys that lead to the mapping in its file. If a value is absent, null or an
-    empty string, the field gets its default. A field without a default is then invalid, and also if
-    its value is an empty list or an empty mapping. An unknown key is invalid, because it is
-    probably a typing error. However, it is kept in `unknown` if the file has a newer format.
-    `newer` is true if an enclosing mapping has stated a newer format.
+    empty string, the field gets its default. For a field without a default, an absent value, null,
+    an empty string, an empty list and an empty mapping are invalid. An unknown key is invalid,
+    because it is probably a typing error. However, unknown keys are kept in `unknown` if the file
+    has a newer format. `newer` is true if an enclosing mapping has stated a newer format.
     """
     content, known = kind.prepared(content), _fields(cast(Any, kind))
     if not isinstance(content, dict):
@@ -228,8 +229,8 @@ def _numbers(kind: Any, inner: tuple[Any, ...], entry: Any, value: Any) -> Any:
 def _checked(value: Any, kind: type[Any], what: str, count: int | None = None) -> Any:
     """Return a value unchanged.
 
-    Raises ValueError if the value is not of the type `kind`, or does not have `count` entries,
-    unless `count` is None.
+    Raises ValueError if the value is not of the type `kind`, or if `count` is given and the value
+    does not have `count` entries.
     """
     if not isinstance(value, kind) or (count is not None and len(value) != count):
         raise ValueError(f'{reprlib.repr(value)} is not {what}')

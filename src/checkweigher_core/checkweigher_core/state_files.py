@@ -86,8 +86,8 @@ def make_folder(path: Path, mode: int = 0o777) -> None:
 def changing(path: Path) -> Iterator[None]:
     """Lock the folder of a file until the context ends.
 
-    The body of the ``with`` statement can read, change and write the file, because another process
-    that calls this function for a file in the folder waits until the context ends. Raises OSError
+    Another process that calls this function for a file in the folder waits until the context ends.
+    The body of the ``with`` statement can therefore read, change and write the file. Raises OSError
     if the folder cannot be opened.
     """
     with _opened(path.parent) as folder:

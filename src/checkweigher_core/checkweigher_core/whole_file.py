@@ -25,8 +25,7 @@ def write_whole(path: Path, content: str | bytes | Iterable[str], mode: int = 0o
     unchanged.
     """
     given = [content] if isinstance(content, str | bytes) else content
-    # Replace characters that UTF-8 cannot encode by escape sequences. File names in the content may
-    # contain such characters.
+    # Replace characters that UTF-8 cannot encode, for example in file names, by escape sequences.
     parts = (p if isinstance(p, bytes) else p.encode(errors='backslashreplace') for p in given)
     try:
         if is_stream(path):

@@ -64,7 +64,7 @@ class _Loader(yaml.SafeLoader):
     """YAML loader that refuses repeated keys, and reads numbers as in YAML 1.2.
 
     PyYAML implements YAML 1.1, in which 0150 is the number 104 and 1:30 is the number 90. This
-    loader returns such values as strings. The loader also returns dates as strings.
+    loader returns 0150, 1:30 and dates as strings.
     """
 
     def fetch_tag(self) -> None:
@@ -114,7 +114,8 @@ def yaml_text(content: Any) -> str:
 def _line(text: str, path: tuple[Any, ...]) -> int:
     """Return the line number of a field, or of the innermost existing field that encloses it.
 
-    The result is 1 if there is no such field, or if the lines of the text are unknown.
+    The result is 1 if neither the field nor an enclosing field exists, or if the lines of the text
+    are unknown.
     """
     line, node = 1, None
     if '\n' in text.strip():

@@ -12,25 +12,26 @@ _MAX_BLOCKS = 20_000  # largest number of blocks from which sample rate and pace
 RATE_SPAN = 10.0  # duration in s of the latest signal from which rates are computed
 SHORTEST_SPAN = 2.0  # shortest duration in s of the signal from which a rate is computed
 _REPLAY = 0.1  # difference of the pace from 1 above which a replay is assumed
-_CLOCK_BIN = 5.0  # duration in s of a bin, in which at least one message is assumed not to be late
+_CLOCK_BIN = 5.0  # duration of a bin in s; at least one block of each bin is assumed to be on time
 _CLOCK_SPAN = 300.0  # time in s over which the drift is computed
 _DRIFT_LIMIT = 500e-6  # largest relative drift without a warning; a crystal has less than 100e-6
 _DRIFT_BINS = 6  # smallest number of bins from which a drift is computed
 _PACE_BINS = 3  # smallest number of bins from which the pace is computed
 _JITTER_LIMIT = 0.5  # largest jitter in s without a warning
-_START = 5.0  # time in s after the first block in which jitter is ignored while the nodes start
+_START = 5.0  # time in s after the first block during which jitter is ignored
 _EYE_OFFSET_LIMIT = 0.1  # largest delay in s of edges relative to samples without a warning
 _FEWEST_EDGES = 4  # smallest number of edges from which their delay is computed
-_CLOCK_STEP = 0.5  # error in s of a predicted stamp above which the clock counts as set
+_CLOCK_STEP = 0.5  # error of a predicted stamp in s above which a step of the clock is assumed
 
 
 class ClockWatch:
     """Comparison of the stamps of samples and edges with their times of arrival.
 
     The delay of a block is the time from its last sample to its arrival. The delay is known only up
-    to a constant, because the stamps and the arrivals may be on different clocks. The shortest
-    delay in a few seconds is that of a message that did not wait, so it changes only if a clock
-    drifts. The pace is the rate at which the stamps advance, relative to the clock of this machine.
+    to a constant, because the stamps and the arrivals may be on different clocks. Within a few
+    seconds, at least one block arrives without waiting, so the shortest delay changes only if a
+    clock drifts. The pace is the rate at which the stamps advance, relative to the clock of this
+    machine.
     """
 
     def __init__(self, sample_rate: float) -> None:
@@ -88,12 +89,12 @@ class ClockWatch:
             self._blocks.popleft()
 
     def _pace(self, slope: float) -> float:
-        """Return the pace of the stamps, NaN if neither three bins nor 2 s of blocks are known.
+        """Return the pace of the stamps, NaN with fewer than 3 bins and less than 2 s of blocks.
 
         The pace is computed from `slope`, the trend of the shortest delays, as soon as three bins
         are complete. Until then, the pace is computed from the stamps and the arrivals of the
-        oldest and the latest recent block. That value is less accurate, because after a halt the
-        blocks arrive too fast for a while.
+        oldest and the latest recent block. The pace from two blocks is less accurate, because
+        blocks arrive too fast for a while after a halt.
         """
         if len(self._bins) >= _PACE_BINS:
             return 1.0 - slope
@@ -118,8 +119,8 @@ class ClockWatch:
 
         `offset_of_clocks` is the Unix time minus the time on the clock of the arrivals, in s.
         """
-        # Shortest delay in s of the blocks of the last minute, with stamps counted from the first
-        # one.
+        # Shortest delay in s of the blocks of the last minute, with stamps relative to the first
+        # stamp.
         least = min([*self._bins.values[-round(MINUTE / _CLOCK_BIN) :].tolist(), self._bin[1]])
         least = math.nan if math.isinf(least) else least
         slope = self._bins.slope

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Findings on the health of a line, and statistics of recent values.
 
-Times are in s on a monotonic clock. No function reads this clock; the caller passes the time.
+Times are in s on a monotonic clock, and are passed by the caller.
 """
 
 from collections import Counter, deque

@@ -37,8 +37,8 @@ class ClockSteps:
         return step if abs(step) >= _STEP else 0.0
 
     def _difference(self) -> float:
-        # Compare with the boot clock, which is never set, and which goes on while the computer
-        # sleeps.
+        # Compare the clock with the boot clock, which is never set, and which goes on while the
+        # computer sleeps.
         return time.time() - time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
@@ -46,8 +46,8 @@ class HostClock:
     """Monitor of the synchronisation of the clock of this host by chrony.
 
     A call of `finding` starts the command chronyc in a separate process, and a later call reads its
-    output, so that the node never waits for chronyc. A process that runs for more than 10 s is
-    killed.
+    output, so that the node never waits for chronyc. If chronyc runs for more than 10 s, the
+    process is killed.
     """
 
     def __init__(self, command: Sequence[str] = COMMAND) -> None:
@@ -61,9 +61,9 @@ class HostClock:
 
     @property
     def reference(self) -> str:
-        """Text on the time reference of this clock, or an empty string if none is known yet.
+        """Text on the time reference of the clock of this host, empty if not known yet.
 
-        The text contains no numbers, so that it changes only with the reference.
+        The text contains no numbers, so that it changes only with the time reference.
         """
         if 'bound_ms' in self._finding.values:
             return 'synchronised by chrony'

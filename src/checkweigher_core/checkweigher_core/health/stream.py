@@ -24,9 +24,9 @@ _SILENCE = 1.0  # longest time in s without samples before an error (or `_SILENT
 _SILENT_BLOCKS = 5.0  # longest time without samples before an error, in durations of a block
 _RATE_TOLERANCE = 0.005  # largest relative error of the nominal sample rate without a warning
 _LONGEST_BLOCKED = 10.0  # longest time in s for which a product normally blocks an eye
-_ONE_EYED = 10  # edges of one eye in a minute from which on an error is shown if the other has none
+_ONE_EYED = 10  # smallest number of edges of one eye in a minute for a comparison of both eyes
 _PAIRS = (Eye.INFEED, Eye.OUTFEED), (Eye.OUTFEED, Eye.INFEED)
-# Ratio of the edges of one eye to those of the other above which an eye may be dirty.
+# Ratio of the numbers of edges of the two eyes above which an eye may be dirty.
 _MANY_MORE = 1.5
 _GAPS, _LOST, _AGAIN = 'gaps', 'samples_lost', 'blocks_doubled_or_late'
 _RESTARTS, _SATURATED = 'source_restarts', 'samples_saturated'
@@ -74,7 +74,7 @@ class SampleWatch:
     def look(self, now: float) -> None:
         """Remove values that are too old at time `now` in s.
 
-        Arrivals are kept for 10 s, and the events of the last minute for 60 s.
+        Arrivals are kept for 10 s, and events such as gaps for 60 s.
         """
         for values in (self._arrivals, *self._recent.values()):
             values.forget(now)
@@ -149,7 +149,7 @@ class SampleWatch:
 
 
 class EyeWatch:
-    """Statistics of photo-eye edges, which show an eye that stays blocked or does not switch."""
+    """Statistics of photo-eye edges, which show whether an eye is blocked, idle or dirty."""
 
     def __init__(self) -> None:
         self._counts = dict.fromkeys(Eye, 0)

@@ -1,9 +1,10 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Records that the stages exchange. They are frozen dataclasses, in one module for each subject.
+"""Records that the stages exchange.
 
-Stamps are integers in ns, so that no stage rounds them. A stamp is on the clock of the samples
-unless its docstring names the system clock. An unknown stamp is None, an unknown number is NaN.
+The records are frozen dataclasses, in one module for each subject. Stamps are integers in ns, so
+that no stage rounds them. A stamp is on the clock of the samples unless its docstring names the
+system clock. An unknown stamp is None, and an unknown number is NaN.
 `checkweigher_core.ros.conversion` converts between records and messages.
 """
 

@@ -60,7 +60,7 @@ class LoadCell:
     def of(cls, parameters: object, **others: Any) -> 'LoadCell':
         """Return a load cell whose fields are the attributes of `parameters` with the same names.
 
-        The keyword arguments `others` override these attributes.
+        The keyword arguments `others` override the attributes of `parameters`.
         """
         names = [entry.name for entry in fields(cls) if hasattr(parameters, entry.name)]
         return cls(**{name: getattr(parameters, name) for name in names} | others)
@@ -98,7 +98,10 @@ class SampleBlock:
 
 @dataclass(frozen=True, slots=True)
 class EyeEdge:
-    """Edge of a photo-eye at time `stamp`. `blocked` is true if the eye is blocked after it."""
+    """Edge of a photo-eye at time `stamp`.
+
+    `blocked` is true if the eye is blocked after the edge.
+    """
 
     stamp: Stamp
     eye: Eye
@@ -132,9 +135,9 @@ class StreamStatus:
     has sent in this stream. The segmenter counts the samples and edges that it has processed.
     `items` is the number of windows that the segmenter has sent in all streams since its start, and
     is 0 in a status of the driver. `last_edge` is the stamp of the latest edge that the segmenter
-    has assigned to an item. `last_edge` is None if there is no such edge, and in a status of the
-    driver. `text` is a message of the driver on a fault or on its deactivation; otherwise it is
-    empty.
+    has assigned to an item. `last_edge` is None before the first assignment of an edge, and in a
+    status of the driver. `text` is a message of the driver on a fault or on its deactivation;
+    otherwise it is empty.
     """
 
     stamp: Stamp
@@ -152,8 +155,8 @@ class MachineConditions:
     """Conditions that require a stop of the line, as shown by the machine inputs since `stamp`.
 
     `conditions` contains values of `StopReason`, one for each input that shows a condition.
-    `inputs` contains the names of these inputs. If the inputs cannot be read, `known` is false, and
-    the receiver must stop the line.
+    `inputs` contains the name of the input for each of the `conditions`. If the inputs cannot be
+    read, `known` is false, and the receiver must stop the line.
     """
 
     stamp: Stamp
@@ -167,8 +170,8 @@ class ExternalReject:
     """Rejection of an item by an inspection device.
 
     `device` is the name of the device, such as ``metal``, ``xray`` or ``vision``. If `item_id` is
-    0, the rejected item is the item that was at the device at time `stamp`. Otherwise `stamp` may
-    be None. `text` contains details of the finding, or is empty.
+    0, the rejected item is the item that was at the device at time `stamp`. If `item_id` is not 0,
+    `stamp` may be None. `text` contains details of the finding, or is empty.
     """
 
     stamp: Stamp | None

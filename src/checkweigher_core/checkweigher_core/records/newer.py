@@ -11,7 +11,7 @@ T = TypeVar('T')
 def newer(default: T) -> T:
     """Return a dataclass field that is missing in older messages and files.
 
-    `default` is the value of the field in a record that is read from such a message or file.
+    `default` is the value of the field in a record that is read from an older message or file.
     """
     return field(default=default, metadata={'newer': True})
 

@@ -38,7 +38,8 @@ class ProductOnLine:
     If `mean_value` is true, the batch mean must never be below `nominal`. If `performance_test` is
     true, all items are rejected, because a performance test is running. The fields `batch_items` to
     `batch_surplus` are the totals of this product in this batch so far, as the class `BatchTally`
-    of `checkweigher_dsp` counts them, or 0 in the records of the topic ``product_in_use``.
+    of `checkweigher_dsp` counts them. In the records of the topic ``product_in_use``, these totals
+    are 0.
     """
 
     stamp: Stamp
@@ -165,12 +166,11 @@ class Alarm:
     """Alarm, which is kept until its cause has ended and a person has acknowledged it.
 
     `source` is ``stop`` for a stop request, ``fault`` for an item, and ``node`` for a restarted
-    node or for a line that was not shut down.
-    `reason` is the reason of the stop request or of the fault, or the name of the node. The alarm
-    was raised `count` times, for the first time at `first`. `last` is the time at which the alarm
-    was last raised or its cause ended. Before `last`, the alarm was active for `duration` s in
-    total. `acknowledged_by` is empty until a person has acknowledged the alarm. Stamps are on the
-    system clock.
+    node or for a line that was not shut down. `reason` is the reason of the stop request or of the
+    fault, or the name of the node. The alarm was raised `count` times, for the first time at
+    `first`. `last` is the time at which the alarm was last raised or its cause ended. Before
+    `last`, the alarm was active for `duration` s in total. `acknowledged_by` is empty until a
+    person has acknowledged the alarm. Stamps are on the system clock.
     """
 
     source: str

@@ -8,7 +8,7 @@ from enum import StrEnum
 class Reason(StrEnum):
     """Reason why an item cannot be weighed, or is rejected even if its mass is within the limits.
 
-    The names ``DistanceFault``, ``MeanValueRequirement`` and ``TU1Quota`` are those of OPC 40200,
+    The names ``DistanceFault``, ``MeanValueRequirement`` and ``TU1Quota`` are taken from OPC 40200,
     the OPC UA specification for weighing technology.
     """
 
@@ -87,8 +87,8 @@ class StopReason(StrEnum):
 def hint_of(reason: str) -> str:
     """Return the hint for a reason why an item was rejected.
 
-    A reason that is not a `Reason`, because another version sent the message, gets a hint that says
-    so.
+    If `reason` is not a `Reason`, because another version sent the message, the hint states that
+    this version does not know the reason.
     """
     known = reason in Reason.__members__.values()
     return Reason(reason).hint if known else 'a reason that this version does not know'

@@ -31,9 +31,10 @@ class Verdict(NanEqual):
     `estimate_id` equals `item_id`, or is 0 if the verdict was given without a mass estimate. The
     signal to the rejector is due at `reject_at`, which is None if this time is unknown. If
     `station` is not 0, the reject or sorting station of this number removes the item instead of the
-    rejector, and the signal to the station is due at `station_at`. `late` is true if the verdict
-    was given after its signal was due. The fields `batch_items` to `batch_surplus` are the totals
-    of its product in the batch, including this item (`BatchTally` of `checkweigher_dsp`).
+    rejector. The signal to the station is due at `station_at`. `late` is true if the verdict was
+    given after its signal was due. The fields `batch_items` to `batch_surplus` are the totals of
+    the product in the batch, including this item, as the class `BatchTally` of `checkweigher_dsp`
+    counts them.
     """
 
     item_id: int
@@ -87,7 +88,7 @@ class StopRequest:
 class Permission:
     """Permission to run the line. If `run` is false, the line must stop.
 
-    The permission was given at `stamp` (system clock), and expires after `ports.FRESH_TIME`.
+    The permission was given at `stamp` (system clock), and expires after `ports.FRESH_TIME` s.
     """
 
     stamp: Stamp

@@ -18,9 +18,9 @@ class Item(NanEqual):
 
     The segmenter publishes an item when no later edge can change its number. The segmenter
     publishes the item once more, with `complete` set, when the edges of the item are final. `stamp`
-    is the first known of `t1`, `t2` and `t3`. `line_speed` is the speed of the item in m/s or, if
-    t1 or t3 is unknown, the speed of the last item with all edges. `line_speed` is NaN before the
-    first such item. `stream` is the number of the stream of samples.
+    is the first of `t1`, `t2` and `t3` that is known. `line_speed` is the speed of the item in m/s
+    or, if t1 or t3 is unknown, the speed of the last item with all edges. `line_speed` is NaN
+    before the first item with all edges. `stream` is the number of the stream of samples.
     """
 
     stamp: Stamp | None
@@ -31,7 +31,7 @@ class Item(NanEqual):
     t3: Stamp | None = None  # time at which the item begins to leave the belt
     line_speed: float = math.nan
     complete: bool = False
-    reasons: tuple[str, ...] = ()  # reasons why the item cannot be weighed; empty if it can be
+    reasons: tuple[str, ...] = ()  # reasons why the item cannot be weighed, if any
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,9 +40,9 @@ class WeighWindow(NanEqual):
 
     `counts` contains the readings in counts from before t1 until after t3, and is empty if the item
     cannot be weighed. The fields `empty_begin`, `window_begin` and `window_end` are positions in
-    this array. `denoised` contains the denoised signal in kg, and is empty until the stage
-    denoise has added it. `zero_std_dev` includes the effect of the uncertain lag of the load behind
-    the edges.
+    `counts`. `denoised` contains the denoised signal in kg, and is empty until the stage denoise
+    has added it. `zero_std_dev` includes the effect of the uncertain lag of the load behind the
+    edges.
     """
 
     item_id: int  # number of the item from 1, in order of entry
@@ -64,7 +64,7 @@ class WeighWindow(NanEqual):
     window_end: int = 0  # position of the first sample at or after t3
     counts: NDArray[np.int32] = field(default_factory=lambda: np.zeros(0, np.int32))  # shape (n,)
     denoised: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
-    reasons: tuple[str, ...] = ()  # reasons why the item cannot be weighed; empty if it can be
+    reasons: tuple[str, ...] = ()  # reasons why the item cannot be weighed, if any
 
     @property
     def force(self) -> NDArray[np.float64]:
@@ -86,8 +86,8 @@ class MassEstimate(NanEqual):
     `mass`, its standard deviation `std_dev`, `b1`, and the tracked `zero` relative to the zero of
     the calibration are in kg. `a1`, `a2` and `b1` are the coefficients of the identified model
     x(k) = -a1 x(k-1) - a2 x(k-2) + b1 u(k-1) of the weigh platform, whose input u is 1 while the
-    item is fully on the belt. `natural_frequency` in Hz and `damping_ratio` are properties of this
-    model. A value that the estimator does not identify is NaN.
+    item is fully on the belt. `natural_frequency` in Hz and `damping_ratio` are properties of the
+    identified model. A value that the estimator does not identify is NaN.
     """
 
     item_id: int

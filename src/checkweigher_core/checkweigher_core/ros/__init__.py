@@ -24,9 +24,9 @@ def _set_log_folder() -> None:
         os.environ['ROS_LOG_DIR'] = str(folder / 'log')
 
 
-# Set the environment now, because rclpy reads it when it creates a context. A node that is
-# connected by DDS can stop a line and change its limits. Nodes on other computers can therefore
-# connect only if the user allows it by this variable.
+# Set the environment now, because rclpy reads the variables when it creates a context. A node that
+# is connected by DDS can stop a line and change its limits. Nodes on other computers can therefore
+# connect only if the user sets ROS_AUTOMATIC_DISCOVERY_RANGE or ROS_STATIC_PEERS.
 os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 _set_log_folder()
 set_profiles()

@@ -15,7 +15,7 @@ from checkweigher_core.ros import ports
 from checkweigher_core.ros.line_parameters import in_time
 
 _PATIENCE = 2.0  # longest wait for the answer of the service in s
-_DISCOVERY = 3.0  # time in s from the start of the node in which a change waits for the service
+_DISCOVERY = 3.0  # time in s after the start of the node for which a change waits for the service
 _LOOK_PERIOD = 0.1  # time in s between two checks for the service
 TIME_TO_CHANGE = _PATIENCE + 1.0  # longest time in s from a log entry to the change that it states
 
@@ -44,8 +44,8 @@ class ChangeRecord:
         """Write an entry before a change is made.
 
         Returns the reason why the change must not be made, or an empty string if it may be made. If
-        the service is not discovered within 3 s after the start of the node, it is assumed that the
-        lane has no audit log, and the change may be made without an entry.
+        the service is not discovered within 3 s after the start of the node, the change may be made
+        without an entry, because the lane is assumed to have no audit log.
         """
         self.look()
         while not self._needed and time.monotonic() - self._began < _DISCOVERY:

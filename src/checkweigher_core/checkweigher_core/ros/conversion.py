@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Conversion of records to messages and back.
 
-A field of a record corresponds to the field of the message with the same name. `_FORMS` contains
-the deviations from this rule. Messages of rclpy and messages from bags can be converted to records.
-Every field of a message is set to a value of its exact Python type, because rclpy does not check
-types, and a numpy scalar in a field aborts the process when the message is serialised.
+A field of a record corresponds to the field of the message with the same name. `_FORMS` describes
+the records whose fields differ from the fields of the message. Messages of rclpy and messages from
+bags can be converted to records. Every field of a message is set to a value of its exact Python
+type. rclpy does not check types, and a numpy scalar in a field would abort the process when the
+message is serialised.
 """
 
 import array
@@ -36,19 +37,19 @@ class _Form:
     stamp: str = 'stamp'
     # The frame_id of the header, or a function that returns the frame_id of a record.
     frame: str | Callable[[Any], str] = ''
-    # Names of fields in the message by their names in the record, for names that differ.
+    # Names of fields in the message by their names in the record.
     names: Mapping[str, str] = field(default_factory=dict)
     # Functions that compute further fields of the message from the record.
     derived: Mapping[str, Callable[[Any], object]] = field(default_factory=dict)
-    # Enumeration members that replace unknown values, by the name of the field. Without such a
-    # member, a message with an unknown value is refused.
+    # Enumeration members that replace unknown values, by the name of the field. A message with an
+    # unknown value is refused if the mapping does not contain the field.
     unknown: Mapping[str, object] = field(default_factory=dict)
-    # Values, by field, of the message that is sent in place of the record None. A message with all
-    # of these values is converted to None. Without values, no message is converted to None.
+    # Values, by field, of the message that is sent in place of None. A message with all of these
+    # values is converted to None. If the mapping is empty, no message is converted to None.
     absent: Mapping[str, object] = field(default_factory=dict)
     # Function that corrects a record by means of its message.
     amend: Callable[[Any, Any], Any] | None = None
-    lacks: tuple[str, ...] = ()  # last fields of the record, which the message does not have
+    lacks: tuple[str, ...] = ()  # fields at the end of the record that the message lacks
     longest: int = _MOST  # largest number of characters of a string
 
 
@@ -94,8 +95,8 @@ _FORMS: dict[type, _Form] = {
         absent={'state': _RUN},
         amend=_with_text,
     ),
-    # A long text is allowed, because the identity of a machine contains all parameters, which are
-    # long lists after training, and all changes in the audit log.
+    # A long text is allowed, because the identity of a machine contains all changes in the audit
+    # log and all parameters, some of which are long lists after training.
     records.VerificationStep: _Form(longest=1_000_000),
 }
 
@@ -156,7 +157,7 @@ def _record(kind: Any, message: Any) -> Any:
 def _filled(message: Any, fields: Mapping[str, Any]) -> Any:
     """Fill an empty message, and return it.
 
-    This is faster than a call of the constructor with the fields as arguments.
+    Setting the fields is faster than a call of the constructor with the fields as arguments.
     """
     for name, value in fields.items():
         if isinstance(value, dict):
@@ -264,8 +265,8 @@ def _text(value: str) -> str:
 def _time(stamp: int | None) -> dict[str, int]:
     """Return the fields of a time message for a stamp in ns, both 0 for an unknown stamp.
 
-    A time message cannot contain a stamp before December 1901 or after January 2038. Both fields
-    are also 0 for such a stamp.
+    Both fields are also 0 for a stamp before December 1901 or after January 2038, because a time
+    message cannot contain such a stamp.
     """
     sec, nanosec = divmod(int(stamp or 0), records.NANOSECONDS)
     held = -(2**31) <= sec < 2**31
@@ -284,7 +285,7 @@ def _dtype(hint: Any) -> np.dtype[Any]:
 def _bounded(field: Any, most: int = _MOST) -> Any:
     """Return a string or list of a message unchanged.
 
-    Raises ValueError if it has more than `most` characters or elements.
+    Raises ValueError if the string or list has more than `most` characters or elements.
     """
     if len(field) > most:
         raise ValueError(f'{len(field)} values in a message field, but at most {most} are allowed')

@@ -96,7 +96,7 @@ class Diagnostics:
         """Return the finding on the node as a whole, with the text of its worst finding.
 
         If no finding is an error, a new warning becomes the text of one message. Later messages
-        contain it only as the last warning.
+        contain the warning only as the value ``last warning``.
         """
         worst = max(findings, key=lambda finding: finding.level)
         level = worst.level

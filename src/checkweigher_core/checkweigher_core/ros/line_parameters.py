@@ -29,9 +29,9 @@ class LineParametersClient:
     """Client of the parameter services of the nodes in the namespace of `node`.
 
     A callback in a single-threaded executor may await the coroutines of this class. The executor
-    runs other callbacks while they wait for an answer. The client has its own callback group,
-    because the awaiting callback blocks the group to which it belongs. `patience` is the longest
-    wait for an answer in s.
+    runs other callbacks while a coroutine waits for an answer. The client has its own callback
+    group, because the awaiting callback blocks the group to which it belongs. `patience` is the
+    longest wait for an answer in s.
     """
 
     def __init__(self, node: Node, patience: float) -> None:
@@ -55,7 +55,7 @@ class LineParametersClient:
     async def get(self, node: str, names: list[str]) -> Values:
         """Return the values of the parameters `names` of a node by name.
 
-        Raises `RefusedError` if the node does not have all of them, or does not answer.
+        Raises `RefusedError` if the node lacks one of the parameters, or does not answer.
         """
         answer = await self.answer(node, self._client(node).get_parameters(names))
         if len(answer.values) != len(names):
@@ -147,7 +147,7 @@ class LineNodes:
 async def in_time(node: Node, group: CallbackGroup, future: Future, patience: float) -> Any:
     """Return the result of a future, or None if it is not done within `patience` s.
 
-    After this time, a timer of `node` in the callback group `group` cancels the future.
+    After `patience` s, a timer of `node` in the callback group `group` cancels the future.
     """
     timer = node.create_timer(patience, future.cancel, callback_group=group)
     try:

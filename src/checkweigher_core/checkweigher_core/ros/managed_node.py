@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Base class of stage nodes with a life cycle. They stop the line until they are activated."""
+"""Base class of stage nodes with a life cycle. A managed node stops the line until it is active."""
 
 from collections.abc import Callable
 from typing import Any
@@ -20,12 +20,12 @@ _FAILURE, _ERROR = TransitionCallbackReturn.FAILURE, TransitionCallbackReturn.ER
 class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
     """Stage node with the states of a ROS managed node.
 
-    The outputs of the node are safe if they stop the line. The outputs are safe unless the node is
-    active. A subclass overrides `configure`, `activate`, `deactivate` and `clean_up`, and calls
-    `begin` at the end of its constructor. If one of the overridden methods raises an exception, the
-    transition fails, and the exception is logged or, during `begin`, raised as `ParameterError`. If
-    the parameter ``autostart`` is true, the node configures and activates itself. `state` is
-    unconfigured, inactive, active or finalized.
+    Unless the node is active, its outputs are safe, which means that they stop the line. A subclass
+    overrides `configure`, `activate`, `deactivate` and `clean_up`, and calls `begin` at the end of
+    its constructor. If one of the overridden methods raises an exception, the transition fails, and
+    the exception is logged or, during `begin`, raised as `ParameterError`. If the parameter
+    ``autostart`` is true, the node configures and activates itself. `state` is unconfigured,
+    inactive, active or finalized.
     """
 
     def __init__(self, parameters: type[P], **options: Any) -> None:
@@ -114,10 +114,11 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
     def destroy_node(self) -> None:
         """Destroy the node and its state machine.
 
-        The state machine would otherwise keep the node in the ROS graph.
+        A remaining state machine would keep the node in the ROS graph.
         """
         super().destroy_node()
-        for name in vars(self).get('_life_cycle', ()):  # missing if the constructor has failed
+        # The attribute `_life_cycle` is missing if the constructor has failed.
+        for name in vars(self).get('_life_cycle', ()):
             delattr(self, name)
         self._life_cycle = set()
 
@@ -144,7 +145,7 @@ class ManagedStageNode(LifecycleNodeMixin, StageNode[P]):
     def _refusing(self, change_state: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
         """Return a service callback that refuses a transition if the present state forbids it.
 
-        For such a transition, the callback of rclpy raises an exception, which would end the
+        For a forbidden transition, the callback of rclpy raises an exception, which would end the
         executor.
         """
 

@@ -93,11 +93,10 @@ def _declare_list(
 def as_declared(declared: Parameter, change: Parameter) -> Parameter:
     """Return a change whose value has the type of the declared parameter, if it can be converted.
 
-    `ros2 param load` and `ros2 param set` guess the type from the text. These commands read inf and
-    1e-05 as strings, 1 as an integer, and an empty list as a list of bool. The value is therefore
-    converted if the declared parameter is a float or a list of floats. If the value is a bool or
-    cannot be converted, or the declared parameter has another type, the change is returned
-    unchanged.
+    `ros2 param load` and `ros2 param set` guess the type from the text: they read inf and 1e-05 as
+    strings, 1 as an integer, and an empty list as a list of bool. The value is therefore converted
+    if the declared parameter is a float or a list of floats. If the value is a bool or cannot be
+    converted, or the declared parameter has another type, the change is returned unchanged.
     """
     kind, value = declared.type_, change.value
     if change.type_ in (kind, Parameter.Type.BOOL):

@@ -87,7 +87,7 @@ class _TimerThread:
         with self._set:
             while True:
                 times = {each: due for each in self._timers if (due := each.due) is not None}
-                self._timers = set(times)  # without the timers that were cleared or have fired
+                self._timers = set(times)  # drop timers that were cleared or have fired
                 now, self._wakes = time.monotonic_ns(), min(times.values(), default=math.inf)
                 if self._wakes <= now:
                     return [each for each, due in times.items() if due <= now]

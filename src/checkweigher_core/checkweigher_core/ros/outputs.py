@@ -35,7 +35,7 @@ class Output:
     """Output of a node for the records of a port.
 
     The inputs `takers` in the same process get each record by a function call. All other
-    subscribers get it from `publisher`.
+    subscribers get the records from `publisher`.
     """
 
     def __init__(self, node: Any, port: Port) -> None:
@@ -74,12 +74,12 @@ class HeldOutput(Output):
     The nodes of a line discover each other in any order. A record that is sent too early would be
     lost, and its item would get no verdict. After a consumer has been discovered, records are sent
     immediately. An input in the same process is a consumer. A subscriber in another process is a
-    consumer if its node also publishes messages of the type of the port `answer`. A recorder is
-    therefore not a consumer. If `answer` is None, any subscriber counts as a consumer as soon as no
-    further subscriber has appeared for 0.2 s. Any subscriber also counts as a consumer if no
-    consumer has been discovered within 5 s after the first subscriber. At most 10,000 records are
-    kept; if there are more, the oldest are lost. The function `before` is called with each record
-    just before the record is sent.
+    consumer if its node also publishes messages of the type of the port `answer`, which a recorder
+    does not publish. If `answer` is None, any subscriber counts as a consumer as soon as no further
+    subscriber has appeared for 0.2 s. Any subscriber also counts as a consumer if no consumer has
+    been discovered within 5 s after the first subscriber. At most 10,000 records are kept; if there
+    are more, the oldest are lost. The function `before` is called with each record just before the
+    record is sent.
     """
 
     def __init__(
@@ -156,10 +156,9 @@ class HeldOutput(Output):
 class Input:
     """Input of a node for the records of a port.
 
-    The callback gets each record of the outputs `makers` in the same process. If there is no such
-    output, the input has a `subscription` with the QoS profile `qos`. An exception of the callback
-    is passed to ``node.refuse``. If a `needed` input has no publisher, the diagnostics show an
-    error.
+    The callback gets each record of the outputs `makers` in the same process. If `makers` is empty,
+    the input has a `subscription` with the QoS profile `qos`. An exception of the callback is
+    passed to ``node.refuse``. If a `needed` input has no publisher, the diagnostics show an error.
     """
 
     def __init__(
@@ -207,8 +206,8 @@ class Input:
 def connect(nodes: Sequence[Any]) -> None:
     """Connect the inputs and outputs of the nodes of a process, before the nodes start.
 
-    An output passes its records by function calls to each input of these nodes that has the same
-    topic and a compatible QoS. An input to which no output of these nodes passes records gets a
+    An output passes its records by function calls to each input of the nodes that has the same
+    topic and a compatible QoS. An input to which no output of the nodes passes records gets a
     subscription over DDS.
     """
     outputs = [output for node in nodes for output in getattr(node, 'outputs', ())]
@@ -244,7 +243,7 @@ def _endpoint(create: Callable[..., Any], port: Port, *arguments: Any, **events:
     """Return a new publisher or subscription of a port.
 
     Parameters of the node may override the depth, the history and the reliability. Raises
-    `ParameterError` if such a parameter is invalid.
+    `ParameterError` if an overriding parameter is invalid.
     """
     overriding = QoSOverridingOptions.with_default_policies()
     try:

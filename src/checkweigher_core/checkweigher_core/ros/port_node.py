@@ -31,7 +31,7 @@ class PortNode(Node):
 
     The callbacks of inputs, timers, services and actions hold the lock of the process. The node
     receives records after it was passed to `checkweigher_core.ros.outputs.connect`. `spinner` is
-    the thread that runs the callbacks of the node, None until it is added to one.
+    the thread that runs the callbacks of the node, None until the node is added to a thread.
     """
 
     spinner: 'Spinner | None' = None
@@ -76,7 +76,7 @@ class PortNode(Node):
     def create_timer(
         self, timer_period_sec: float, callback: Callable[[], Any], *args: Any, **options: Any
     ) -> Timer:
-        """Create a timer. An exception of its callback is logged, and the node continues."""
+        """Create a timer. An exception of the callback is logged, and the node continues."""
         guarded = self._guarded(locked(callback), 'a timer failed')
         return super().create_timer(timer_period_sec, guarded, *args, **options)
 
@@ -132,8 +132,8 @@ class PortNode(Node):
         `success` is set to true. If the callback raises ValueError, and the response has a
         `message`, the text of the exception becomes this `message`, `success` stays false, and the
         refusal is logged. After any other exception, the exception is logged, and the client gets
-        an empty response. rclpy also creates its parameter services by this method, so that the
-        exception that they raise for a value of an unknown type is handled.
+        an empty response. rclpy also creates its parameter services by this method, so that an
+        exception for a parameter value of an unknown type is handled.
         """
         own = locked(callback)
 
@@ -176,7 +176,7 @@ class PortNode(Node):
         that publishes feedback with the values of its keyword arguments. If `work` refuses the goal
         or fails, it raises `ValueError` with the reason, which becomes the `message` of the result,
         and the goal is aborted. The function `cancel` is called when a client cancels the goal, and
-        makes `work` end early. The goal is then canceled, even if `work` raises `ValueError`.
+        makes `work` end early. The goal ends as canceled, even if `work` raises `ValueError`.
         """
         own, end = locked(work), locked(cancel)
 

@@ -38,7 +38,7 @@ class History(NamedTuple):
 
     `depth` is the number of messages. If `latched` is set, late subscribers may request the kept
     messages (durability transient local). If `stage_latched` is set, the nodes of the line request
-    them.
+    the kept messages.
     """
 
     depth: int
@@ -53,8 +53,8 @@ STREAM = History(1000)
 STATE = History(1, latched=True, stage_latched=True)
 # Items: a restarted node needs the earlier messages, whose items may still be on the belt.
 ITEM_HISTORY = History(1000, latched=True, stage_latched=True)
-# Results: a user may read earlier messages. Of the nodes of the line, only `product` requests them,
-# if it records the batches.
+# Results: a user may read earlier messages. Of the nodes of the line, only `product` requests
+# earlier messages, and only if it records the batches.
 RESULTS = History(1000, latched=True)
 # Periodic messages: only the latest message is valid.
 MOMENT = History(1)
@@ -285,8 +285,8 @@ VERIFICATION_PROGRESS = Port(
     'verification_progress', 'checkweigher_msgs/msg/VerificationProgress',
     records.VerificationProgress, STATE, 'verifier', ('users',), (),
     'Progress of a verification that the page guides, and its question to the operator')
-# All topics of the line and of its verification. A replay reads only the first four topics from its
-# bag.
+# All topics of the line and of its verification. A replay reads only the first four topics of `ALL`
+# from its bag.
 ALL = (
     LOAD_CELL_INFO, LOAD_CELL_SAMPLES, PHOTO_EYES, REFERENCE_MASS, DRIVER_STATUS, ITEMS,
     WEIGH_WINDOW, SEGMENTER_STATUS, ZERO_SETTING, DENOISED_WINDOW, MASS_ESTIMATE, VERDICT,
@@ -323,7 +323,7 @@ RESTART_LINE = 'restart_line'
 CANCEL_PASSES = 'cancel_passes'
 SHOW_TUNED, ACCEPT_TUNED = 'show_tuned', 'accept_tuned'
 CANCEL_VERIFICATION = 'cancel_verification'
-# Services with types of their own. Only acknowledge_alarms has the type std_srvs/srv/Trigger.
+# Services with other types, except acknowledge_alarms, which has the type std_srvs/srv/Trigger.
 CALIBRATE_SPAN = 'calibrate_span'
 FINISH_CALIBRATION = 'finish_calibration'
 BEGIN_VERIFICATION, ANSWER_VERIFICATION = 'begin_verification', 'answer_verification'

@@ -36,7 +36,7 @@ DESTRUCTION = 30.0
 
 
 def run(make_node: Callable[[], Node], arguments: Sequence[str] | None = None) -> None:
-    """Run one node until SIGINT, SIGTERM or SIGHUP. Exit with status 2 if it cannot start."""
+    """Run one node until SIGINT, SIGTERM or SIGHUP. Exit with status 2 if the node cannot start."""
     run_all(lambda: [make_node()], arguments)
 
 
@@ -47,10 +47,10 @@ def run_all(
 
     The nodes start in the order in which `make_nodes` returns them, and shut down in reverse order.
     While the nodes are made, a signal raises KeyboardInterrupt, which ends the process. After the
-    nodes were made, a signal only wakes the main thread, which then shuts down the nodes.
-    KeyboardInterrupt is then not raised, because it would interrupt a callback. The signal handlers
-    of rclpy are not used, because they would destroy the context during a callback. The exit status
-    of the process is 2 if a node cannot start, and 1 if the executor fails.
+    nodes were made, a signal only wakes the main thread, which then shuts down the nodes, because
+    KeyboardInterrupt would interrupt a callback. The signal handlers of rclpy are not used, because
+    they would destroy the context during a callback. The exit status of the process is 2 if a node
+    cannot start, and 1 if the executor fails.
     """
     stopping = threading.Event()
     starting = True
@@ -69,8 +69,8 @@ def run_all(
             ctypes.CDLL(None).mallopt(_MMAP_THRESHOLD, _LARGE)
         _initialise(arguments)
         nodes = make_nodes()
-        # Call this function before the nodes run. rclpy calls it for each log message, and its
-        # first call takes 0.1 s or more, which would delay the first message.
+        # Call getframeinfo before the nodes run. rclpy calls getframeinfo for each log message, and
+        # the first call takes 0.1 s or more, which would delay the first message.
         inspect.getframeinfo(cast(FrameType, inspect.currentframe()))
         starting = False
         spinner = Spinner(stopping.set)
@@ -90,8 +90,8 @@ def run_all(
         starting = False
         if spinner is not None:
             _shut_down(nodes, spinner)
-            # Limit the time of the destruction. Fast DDS can block forever if a node is destroyed
-            # while the nodes of another process end, see
+            # Limit the time for the destruction of the nodes. Fast DDS can block forever if a node
+            # is destroyed while the nodes of another process end, see
             # https://github.com/eProsima/Fast-DDS/issues/6502.
             faulthandler.dump_traceback_later(DESTRUCTION, exit=True)
             spinner.stop()
@@ -114,8 +114,8 @@ def _on_signals(stop: Callable[..., None]) -> None:
 def _shut_down(nodes: Sequence[Node], spinner: Spinner) -> None:
     """Shut down the nodes in reverse order.
 
-    While a node shuts down, the nodes before it in `nodes` still work. After an exception, which is
-    printed, the remaining nodes are shut down.
+    While a node shuts down, the nodes before it in `nodes` still work. An exception of a node is
+    printed, and the remaining nodes are shut down.
     """
     for node in reversed(nodes):
         if not isinstance(node, StageNode):
@@ -135,6 +135,6 @@ def _initialise(arguments: Sequence[str] | None) -> None:
     try:
         rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:
-        # The parameter file or the namespace is invalid. Remove the positions in the source code of
-        # rcl, with which the message ends.
+        # The parameter file or the namespace is invalid. Remove the end of the message, which
+        # contains positions in the source code of rcl.
         raise ParameterError(str(error).split(', at /')[0]) from None

@@ -40,7 +40,7 @@ class Spinner:
         return self._thread.is_alive()
 
     def add(self, *nodes: Node) -> None:
-        """Connect nodes with each other, add them to the executor, and start them in this order."""
+        """Connect nodes with each other, add them to the executor, and start them in order."""
         connect(nodes)
         self._nodes += nodes
         for node in nodes:
@@ -64,9 +64,9 @@ class Spinner:
     def call(self, function: Callable[[], object]) -> None:
         """Call a function in the thread of the executor, and wait until the function returns.
 
-        A function that destroys entities or cancels timers must run in this thread, because the
-        executor uses them. An exception that the function raises is raised again in the calling
-        thread. Raises RuntimeError if the function has not returned within 10 s.
+        A function that destroys entities or cancels timers must run in the thread of the executor,
+        which uses the entities and timers. An exception that the function raises is raised again in
+        the calling thread. Raises RuntimeError if the function has not returned within 10 s.
         """
         answer: Future[object] = Future()
 

@@ -73,8 +73,8 @@ class StageNode(PortNode, Generic[P]):
     def start(self) -> None:
         """Start to publish diagnostics.
 
-        If this stage has heartbeats, and reject runs in another process, also start to publish
-        them.
+        If this stage has heartbeats, and the node reject runs in another process, also start to
+        publish the heartbeats.
         """
         self.diagnostics.start()
         self.get_logger().info('ready')
@@ -169,7 +169,7 @@ class StageNode(PortNode, Generic[P]):
             return SetParametersResult(successful=False, reason=str(error))
 
     def _as_declared(self, given: Parameter) -> Parameter | None:
-        """Return a change in the type of its parameter, or None if the value stays the same.
+        """Return a change with a value of the declared type, or None if the value stays the same.
 
         The value stays the same if it equals both the parameter and the value in use. The parameter
         and the value in use may differ, for example while a limit of a product is in use.

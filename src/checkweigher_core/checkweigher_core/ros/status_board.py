@@ -41,8 +41,9 @@ class Row:
     level: Level
     message: str
     values: tuple[tuple[str, str], ...] = ()
-    # Time in s since the last message of a silent node or, if no node of the lane was heard, since
-    # the last call of `StatusBoard.expect`. For a node that is not silent, this is 0.
+    # Time in s since the last message of a silent node or, if no node of the lane has sent a
+    # message, since the last call of `StatusBoard.expect`. A time that is unknown or at most 3 s is
+    # replaced by 0.
     silence: float = 0.0
 
 
@@ -76,7 +77,10 @@ class StatusBoard:
                 self._nodes[node] = now, rows
 
     def expect(self, now: float, lane: str) -> None:
-        """Treat the nodes of a lane as silent since time `now` in s until one of them is heard."""
+        """Treat the nodes of a lane as silent since time `now` in s.
+
+        The nodes are treated as silent until one of them sends a message.
+        """
         with self._lock:
             self._expected[lane] = now
 
@@ -125,7 +129,8 @@ def _rows_of(node: str, heard: float, rows: list[Row], now: float) -> list[Row]:
     if now - heard > _SILENCE:
         text = f'silent for {now - heard:.0f} s; its process hangs or has ended; restart it'
         return [Row(node, '', Level.STALE, text, silence=now - heard)]
-    # Leave out the first row, which describes the whole node, if it only repeats the worst row.
+    # Leave out the first row, which describes the whole node, unless its level is higher than the
+    # levels of the other rows.
     return [row for row in rows if row.aspect or row.level > worst(rows[1:])]
 
 

@@ -38,7 +38,7 @@ class Connections:
         self._refusal = f'{name}: {why}'
 
     def lacks_input(self, port: Port) -> bool:
-        """Return whether the node has an input for a port, but no node publishes the port."""
+        """Return whether the node has an input for a port, but the port has no publisher."""
         return any(entry.port is port and not entry.count() for entry in self._node.inputs)
 
     def finding(self, now: float) -> Finding:

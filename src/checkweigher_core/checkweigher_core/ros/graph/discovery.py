@@ -42,8 +42,8 @@ def _written(text: str) -> Path:
     """Write profiles to a file that all processes of a user share, and return its path.
 
     If the file cannot be written, or if its folder belongs to another user, the path of the file in
-    the package is returned. With that file, only four processes on a computer reliably discover
-    each other.
+    the package is returned. With the file in the package, only four processes on a computer
+    reliably discover each other.
     """
     path = _FOLDER / f'{blake2b(text.encode(), digest_size=8).hexdigest()}.xml'
     try:
@@ -68,8 +68,8 @@ def profiles(environment: Mapping[str, str]) -> str:
 def peers(environment: Mapping[str, str]) -> list[tuple[str, int]]:
     """Return the addresses and ports to contact, or an empty list if multicast is used.
 
-    The addresses are that of this computer and the IPv4 addresses in ROS_STATIC_PEERS. Other
-    entries of ROS_STATIC_PEERS are ignored.
+    The addresses are 127.0.0.1 and the IPv4 addresses in ROS_STATIC_PEERS. Other entries of
+    ROS_STATIC_PEERS are ignored.
     """
     if environment.get('ROS_AUTOMATIC_DISCOVERY_RANGE') != 'LOCALHOST':
         return []

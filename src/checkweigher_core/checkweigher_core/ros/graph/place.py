@@ -4,7 +4,7 @@
 
 A place is a name in the abstract namespace of Unix sockets, to which only one process can bind a
 socket. The kernel releases the name when the process ends, even if the process is killed. All users
-in a network namespace share these names, as they share DDS on localhost.
+in a network namespace share the names of places, as they share DDS on localhost.
 """
 
 import errno
@@ -58,7 +58,8 @@ class Place:
         try:
             holder.bind(_address(self._domain, self._name, participant))
         except OSError as error:
-            # Any other error means that the system has no abstract names. Continue without a place.
+            # An error other than EADDRINUSE means that the system has no abstract names. Continue
+            # without a place.
             return error.errno != errno.EADDRINUSE
         return True
 

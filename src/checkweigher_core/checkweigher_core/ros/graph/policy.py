@@ -27,7 +27,7 @@ OBSERVER = 'observer'  # enclave of commands that only subscribe
 PAGE = 'page'  # enclave of the page
 _PORTS = (*ports.ALL, ports.DYNAMIC_SETTING, ports.VERIFICATION_PROGRESS)
 _EVERY_NODE = frozenset({'/rosout', '/parameter_events'})
-# Further topics to which each node subscribes, although their ports do not name it as a subscriber.
+# Further topics to which a node subscribes, although their ports do not list this node.
 _VIEWED: dict[str, tuple[Port, ...]] = {
     'status': (ports.DIAGNOSTICS,),
     'echo': (ports.MASS_ESTIMATE, ports.VERDICT, ports.REFERENCE_MASS),
@@ -54,10 +54,10 @@ def _of(nodes: Iterable[str], names: Iterable[str]) -> set[str]:
     return {f'{node}/{name}' for node, name in product(nodes, names)}
 
 
-# Services of rclpy that each of these nodes calls at other nodes.
+# Services of rclpy that a node calls at other nodes, by the name of the calling node.
 _CALLED = {
-    'product': _of(NODES, services.PARAMETER_SERVICES),  # to set the parameters of a recipe
-    VERIFY: _of(NODES, services.PARAMETER_SERVICES),  # to read the parameters for the report
+    'product': _of(NODES, services.PARAMETER_SERVICES),  # product sets the parameters of a recipe
+    VERIFY: _of(NODES, services.PARAMETER_SERVICES),  # verify reports the parameters
     PAGE_WORK: _of(services.LIFE_CYCLE_NODES, ('get_state', 'change_state'))
     | _of(NODES, ('get_parameters',))
     | _of((*services.LIFE_CYCLE_NODES, 'segmenter', 'product', *OF_MACHINE), (services.SETTER,)),
@@ -85,7 +85,7 @@ def rights(node: str, lane: str = '') -> Rights:
     publish = {port.name for port in _PORTS if _makes(node, port)} | _EVERY_NODE
     publish |= _of(served, services.ACTION_TOPICS)
     if node in (*NODES, *OF_MACHINE):
-        publish.add(f'{node}/_*')  # for the temporary publisher of `participant_of`
+        publish.add(f'{node}/_*')  # temporary publisher of `participant_of`
     if node in services.LIFE_CYCLE_NODES:
         publish.add(f'{node}/transition_event')
     viewed = _VIEWED.get(client, ())
@@ -125,12 +125,12 @@ def _full(lane: str, names: Iterable[str]) -> frozenset[str]:
 def enclaves(lanes: Iterable[str]) -> dict[str, list[tuple[str, str]]]:
     """Return the enclaves of some lanes, each with the namespaces and names of its nodes.
 
-    Each node of a lane has an enclave of its own. Only the node `verify` is in the enclave of the
-    verifier, because both run in one process. A process with all nodes of a lane has another
-    enclave. Each lane also has an enclave for the commands that only subscribe, one for the
-    commands that call services and actions, and one for the command `run`. The commands `status`
-    and `run --line` belong to no lane, so their enclaves also exist without a lane. The page and
-    each gateway serve all lanes from one process, with one enclave each.
+    Each node of a lane has an enclave of its own, except the node `verify`, which shares the
+    enclave of the node `verifier`, because both run in one process. A process with all nodes of a
+    lane has the enclave `LINE`. Each lane also has an enclave for the commands that only subscribe,
+    one for the commands that call services and actions, and one for the command `run`. The commands
+    `status` and `run --line` belong to no lane, so their enclaves also exist without a lane. The
+    page and each gateway serve all lanes from one process, with one enclave each.
     """
     lanes = list(lanes)
     found: dict[str, list[tuple[str, str]]] = {}
