@@ -31,7 +31,8 @@ _KILLED = 'it ended without being stopped: it was killed, it hung, or power was 
 def alarm_of(values: Mapping[str, Any]) -> Alarm:
     """Return the alarm that the new value of an audit log entry describes.
 
-    Unknown fields are ignored. Raises TypeError if a field without a default value is missing.
+    Keys of `values` that are not fields of `Alarm` are ignored. Raises TypeError if `values` lacks
+    a field without a default value.
     """
     return Alarm(**{e.name: values[e.name] for e in fields(Alarm) if e.name in values})
 
@@ -92,8 +93,9 @@ class AlarmList:
         """Begin the alarm of a stop request, and end the alarms of all other stop requests.
 
         If `request` is None, the alarms of all stop requests end. If the reason of `request` is
-        NotReady, they end as well, and no alarm begins, because this reason is also used when a
-        person stops the line. If the alarm of `request` is already active, it is left unchanged.
+        NotReady, the alarms of all stop requests end as well, and no alarm begins. The reject node
+        also gives this reason when a person stops the line. If the alarm of `request` is already
+        active, the alarm is left unchanged.
         """
         if request is not None and request.reason is StopReason.NOT_READY:
             request = None

@@ -91,7 +91,7 @@ def predecessor_of(entries: Sequence[Entry]) -> dict[str, object] | None:
 def logs_in(folder: Path) -> list[Path]:
     """Return the paths of the audit logs in a folder, sorted by name.
 
-    A log is recognised by its file `LOG.head`.
+    The path ``LOG`` is returned for each file ``LOG.head`` in the folder.
     """
     return sorted(head.with_suffix('') for head in folder.glob('*.head'))
 
@@ -119,8 +119,8 @@ def _written_by(path: Path, source: str) -> Iterator[tuple[str, str, int, str]]:
     """Yield a tuple for each other log that contains an entry of the node `source`.
 
     The tuple contains the time of the last entry, the file name, the number of entries and the hash
-    of the last entry. The log `path` is left out. The other logs are in the same folder. Logs that
-    cannot be read are left out, as are entries after the first fault of a log.
+    of the last entry. The logs in the folder of `path` are searched, except the log `path` itself.
+    Logs that cannot be read, and entries after the first fault of a log, are left out.
     """
     for other in logs_in(path.parent):
         with suppress(AuditError):

@@ -35,7 +35,7 @@ from checkweigher_core.state_files import sync_folder
 FIRST_PREVIOUS = '0' * 64
 TORN = 'torn'
 MAX_LOG = 2**25  # largest size of a log, in bytes
-_Change = tuple[str, str, str, str, Any, Any]  # values of the fields of `Entry`, `time` to `new`
+_Change = tuple[str, str, str, str, Any, Any]  # values of the `Entry` fields `time` to `new`
 _HEAD = re.compile(rb'\{"sequence":(0|[1-9]\d{0,17}),"hash":"([0-9a-f]{64})"\}\n')
 
 
@@ -91,8 +91,9 @@ class Verification:
 
     # Valid entries before the first fault, or all entries if `LOG.head` or the seals show a fault.
     entries: tuple[Entry, ...]
-    bad_line: int = 0  # number of the first faulty line, from 1, or 0 if no such line is known
-    problem: str = ''  # 'changed', 'removed', 'inserted', 'cut' or 'seal'; empty for a valid log
+    bad_line: int = 0  # number of the first faulty line, from 1, or 0 if no such line is known.
+    # Kind of the fault: 'changed', 'removed', 'inserted', 'cut' or 'seal', or '' for a valid log.
+    problem: str = ''
     reason: str = ''  # description of the fault, or empty for a valid log
     torn: bytes = b''  # incomplete entry at the end of a valid log, or empty
     sha256: str = ''  # SHA-256 of the file, hexadecimal, which only `read_log` sets
@@ -104,14 +105,15 @@ class Verification:
 
 
 def head_path(path: Path) -> Path:
-    """Return the path of `LOG.head`."""
+    """Return the path of the file `LOG.head` of the log `path`."""
     return path.with_name(path.name + '.head')
 
 
 def read_log(path: Path, known_hash: str = '') -> Verification:
     """Read and verify a log. `known_hash` is used as in `verify`.
 
-    Raises `AuditError` if the log cannot be read. A fault of the log is not raised, but returned.
+    Raises `AuditError` if the log cannot be read. If the log has a fault, the result describes the
+    fault.
     """
     data, head = read_consistent(path)
     return replace(verify(data, head, known_hash), sha256=hashlib.sha256(data).hexdigest())
@@ -147,7 +149,7 @@ def verify(data: bytes, head: bytes, known_hash: str = '') -> Verification:
     """Verify the bytes of a log.
 
     `head` contains the bytes of `LOG.head`, or is empty if that file is missing. If `known_hash` is
-    not empty, one of the entries must have this hash; otherwise the problem of the log is 'cut'.
+    not empty and no entry has this hash, the problem in the result is 'cut'.
     """
     chain = _Chain()
     try:
@@ -181,7 +183,7 @@ class _Chain:
     torn: bytes = b''  # incomplete entry after the valid entries
 
     def follow(self, data: bytes) -> None:
-        """Check the entries in the bytes of a log, and add the valid entries.
+        """Check the entries in the bytes of a log, and add the valid entries to `entries`.
 
         Raises `_FaultError` at the first fault.
         """
@@ -211,7 +213,7 @@ class _Chain:
         number, expected = entry.sequence, len(self.entries) + 1
         if entry.kind == TORN and not _records(entry, self.torn):
             raise _FaultError(
-                self.line, 'removed', 'it records a torn entry that is missing before it'
+                self.line, 'removed', 'the torn entry that this line records is missing before it'
             )
         if number > expected:
             raise _FaultError(
@@ -246,7 +248,7 @@ def _parse_head(head: bytes, chain: _Chain) -> tuple[int, str]:
 def _check_head(chain: _Chain, head: bytes, *, ended: bool) -> None:
     """Check whether the number and hash of the last entry in `LOG.head` fit the entries of a log.
 
-    `LOG.head` may lack the last entry, because it is written after the entry. `ended` is whether
+    `LOG.head` may lack the last entry, because it is written after the entry. `ended` is True if
     the log ends with an end of line. Raises `_FaultError` if `LOG.head` is missing, is invalid or
     does not fit the entries, or if the end of line of an entry that `LOG.head` counts is missing.
     """
@@ -414,7 +416,8 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
     def _put(self, data: bytes, entry: Entry) -> None:
         """Append the line of an entry, sync the log to the disk, and write `LOG.head`.
 
-        Raises OSError if one of these fails. The line is then removed from the log.
+        If one of these steps fails, the line is removed from the log if possible, and OSError is
+        raised.
         """
         try:
             if os.write(self._file, data) < len(data):
@@ -447,7 +450,7 @@ class AuditLog(AbstractContextManager['AuditLog', None]):
 
 
 def _parse(line: bytes) -> Entry | None:
-    """Return the entry of a line, or None if the line is not exactly as an entry is written."""
+    """Return the entry of a line, or None if the line has another format or a wrong hash."""
     try:
         entry = Entry(**json.loads(line))
         good = entry.line() == line + b'\n' and entry.digest() == entry.hash

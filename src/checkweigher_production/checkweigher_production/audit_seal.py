@@ -91,9 +91,10 @@ def _key(path: Path, kind: type, load: Callable[[], object], what: str) -> Any:
 def read_seals(path: Path, key: Ed25519PublicKey) -> tuple[Seal, ...]:
     """Check the signatures of the seals in a file, and return the seals.
 
-    Raises `AuditError` if the file cannot be read or is empty, if a line is not a seal, if a
-    signature was not made with the private key that belongs to `key`, or if a seal does not follow
-    the seal in the line before it. The removal of the last seals is not detected.
+    Raises `AuditError` if the file cannot be read or is empty, if a line is not a seal, or if a
+    signature was not made with the private key that belongs to `key`. Raises `AuditError` as well
+    if a seal does not follow the seal in the previous line. The removal of the last seals is not
+    detected.
     """
     seals: list[Seal] = []
     previous = FIRST_PREVIOUS
@@ -132,10 +133,11 @@ def hold_to_seals(
 ) -> tuple[tuple[Seal, ...], Verification]:
     """Compare a log with its seals. Returns the seals and the result of verifying the log.
 
-    `found` is the result of verifying the log without its seals, which must be valid, and `path` is
+    `found` is the result of verifying the log without its seals, and must state no fault. `path` is
     the file with the seals. If a seal does not fit the log, the returned result has the problem
-    'seal' and the reason. The same applies if the file cannot be read or contains an invalid seal;
-    the returned tuple of seals is then empty. Raises `AuditError` if the file does not exist.
+    'seal' and the reason. If the file cannot be read or contains an invalid seal, the result has
+    the problem 'seal' as well, and the returned tuple of seals is empty. Raises `AuditError` if the
+    file does not exist.
     """
     if not path.exists():
         raise AuditError(f'{path}: there are no seals; name the file of the seals with --seals')
@@ -148,9 +150,10 @@ def hold_to_seals(
 
 
 def sealing(seals: Sequence[Seal], entries: Sequence[Entry]) -> str:
-    """Return a text that states how often a log was sealed, when last, and up to which entry.
+    """Return a text with the number of seals of a log, and the time and entry of the last seal.
 
-    `seals` must contain at least one seal. The text also states the number of later entries.
+    `seals` must contain at least one seal. The text also states the number of entries after the
+    last seal.
     """
     last = seals[-1]
     return (
@@ -162,9 +165,9 @@ def sealing(seals: Sequence[Seal], entries: Sequence[Entry]) -> str:
 def add_seal(path: Path, log: Path, entries: Sequence[Entry], key: Ed25519PrivateKey) -> Seal:
     """Add a seal of `entries` to the file `path`, sync the file, and return the seal.
 
-    `entries` are all entries of a valid log, and `log` is its path, which is named in an error
-    message. Raises `AuditError` if the earlier seals cannot be read, were made with another key, or
-    do not fit the log, or if the file cannot be written.
+    `entries` are all entries of a valid log, and `log` is the path of the log for error messages.
+    Raises `AuditError` if the earlier seals cannot be read, were made with another key, or do not
+    fit the log, or if the file cannot be written.
     """
     seals = read_seals(path, key.public_key()) if path.exists() else ()
     if broken := broken_seal(seals, entries):

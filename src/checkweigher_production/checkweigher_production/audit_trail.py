@@ -16,14 +16,14 @@ from checkweigher_core.records import Verdict
 from checkweigher_core.records.reasons import Reason
 from checkweigher_production.audit_log import AuditError, AuditLog
 
-CLAIMED = 'claimed:'  # prefix of a person's name that was not checked, for example by a password
+CLAIMED = 'claimed:'  # prefix of a person's name that was not verified, for example by a password
 
 
 class Author(NamedTuple):
     """Author of a change, and the reason that the author has given."""
 
     # Name of a person, CLAIMED followed by a name, or ``graph:`` followed by the name of a node.
-    # Empty for the node that writes the log.
+    # The name is empty for the node that writes the log.
     who: str = ''
     why: str = ''
 
@@ -33,8 +33,8 @@ class Authors:
 
     A service request has no field for the name of a person. Therefore the page or a gateway
     announces the person before a call, and withdraws the announcement after it. The audit log names
-    this person for all changes that the service makes in between. An announcement expires after
-    `patience` s. In all methods, `now` is the time in s.
+    this person as the author of all changes that the service makes in between. An announcement
+    expires after `patience` s. In all methods, `now` is the time in s.
     """
 
     def __init__(self, patience: float) -> None:
@@ -46,8 +46,8 @@ class Authors:
         """Set the services that a person is about to call.
 
         `services` replace the services that were announced before for this person. An empty
-        sequence withdraws the announcement. A service that another person has announced is then
-        announced for `author` alone.
+        sequence withdraws the announcement. If a service in `services` was announced for another
+        person, the new announcement replaces the earlier one.
         """
         others = {n: known for n, known in self._callers.items() if known[0].who != author.who}
         self._callers = others | dict.fromkeys(services, (author, now + self._patience))
@@ -118,7 +118,7 @@ class AuditTrail:
     def saw(
         self, kind: str, subject: str, old: object, new: object, by: Author | None = None
     ) -> None:
-        """Write the entry of a change that has happened, later if the log cannot be written now."""
+        """Write the entry of a change that has happened, as soon as the log can be written."""
         if not self._log:
             return
         self._learn(kind, subject, plain(new))
@@ -154,7 +154,7 @@ class AuditTrail:
         self.trouble = ''
 
     def last(self, kind: str, subject: str) -> Any:
-        """Return the last value of a subject, or None if there is no entry on it.
+        """Return the last value of a subject, or None if no entry states a value.
 
         An entry of `saw` counts even if it waits to be written.
         """
@@ -217,9 +217,9 @@ class AuditTrail:
             self.state(RECIPE, name, recipe, by)
 
     def verdict(self, verdict: Verdict) -> None:
-        """Write an entry when the fault ZeroOutOfRange begins or ends."""
+        """Write an entry if the fault ZeroOutOfRange begins or ends with a verdict."""
         out = Reason.ZERO_OUT_OF_RANGE in verdict.reasons
-        # Only a verdict without any fault shows that the zero is within its range again.
+        # Only a verdict without reasons shows that the zero is within its range again.
         if out != self._zero_out_of_range and (out or not verdict.reasons):
             self._zero_out_of_range = out
             self.saw(ZERO, Reason.ZERO_OUT_OF_RANGE.value, not out, out)

@@ -55,8 +55,8 @@ def changes(entry: Entry) -> list[tuple[str, Any, Any]]:
     """Return the name, the old value and the new value of each change in an entry.
 
     An entry whose new value is not a dict is a single change of its subject. If the new value is a
-    dict, each key whose value differs is a change. If there is no old dict or it is empty, a single
-    change states the number of the new values.
+    dict, each key whose value differs is a change. If the old value is empty or not a dict, a
+    single change states the number of new values.
     """
     old, new = entry.old, entry.new
     if not isinstance(new, dict):

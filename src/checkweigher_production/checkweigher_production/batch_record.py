@@ -47,7 +47,7 @@ _RETRY = 1.0  # time in s between two attempts to write
 _LONGEST_LINE = 2**16  # largest number of bytes in a line
 _HASH = re.compile(rb',"hash":"([0-9a-f]{64})"}\n')  # pattern of the end of a line with a hash
 _HASH_SIZE = 76  # number of bytes that `_HASH` matches.
-# Events of a record state in the audit log.
+# Values of `RecordState.event`.
 BEGUN, CONTINUED, WRITTEN = 'begun', 'continued', 'written'
 STOPPED, ENDED = 'stopped', 'ended'
 _Record = TypeVar('_Record', Verdict, FillerFeedback)
@@ -188,7 +188,8 @@ def read_lines(path: Path) -> Iterator[dict[str, Any]]:
                 if not line.endswith(b'\n'):
                     return
                 try:
-                    # An integer of over 64 bits is invalid, because no ROS message can contain it.
+                    # An integer of more than 64 bits is invalid, because no ROS message can contain
+                    # one.
                     values = json.loads(line, parse_int=lambda text: int(np.int64(text)))
                     begins = values['kind'] == 'begin'
                     checksum = values.pop('crc32', None)  # only in lines of older versions
@@ -228,8 +229,8 @@ def _begin(values: Mapping[str, Any]) -> Mapping[str, Any]:
 def _record_of(kind: type[_Record], values: Mapping[str, Any]) -> _Record:
     """Return an instance of `kind` with the values of a line.
 
-    Unknown fields are ignored. Raises `RecordError` if a value cannot be used, or if a field is
-    missing that is not one of `newer_fields`.
+    Values without a field in `kind` are ignored. Raises `RecordError` if a value cannot be used, or
+    if a field is missing that is not one of `newer_fields`.
     """
     own, hints, newer = {}, get_type_hints(kind), newer_fields(kind)
     for each in fields(kind):
@@ -264,9 +265,9 @@ _EVENTS: dict[str, Callable[[Mapping[str, Any]], Any]] = {
 class RecordWriter:
     """Writer of the records of successive batches in the folder `folder`.
 
-    A thread writes to the disk, in the order of the calls. Only `settle` and `close` wait for it.
-    `states` is a queue of states for the audit log. `trouble` is the reason why lines cannot be
-    written at present, or empty. Raises `RecordError` if the folder cannot be created.
+    A thread writes to the disk, in the order of the calls. Only `settle` and `close` wait for the
+    thread. `states` is a queue of states for the audit log. `trouble` is the reason why lines
+    cannot be written at present, or empty. Raises `RecordError` if the folder cannot be created.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -288,8 +289,8 @@ class RecordWriter:
         """Begin the record of a batch, and end the record of the previous batch.
 
         `time` is written to both records, and `others` to the first line of the new record. If the
-        batch has a record already, it is continued unless it has ended. Raises `RecordError` if
-        the name of the batch is too long.
+        batch already has a record, this record is continued unless it has ended. Raises
+        `RecordError` if the name of the batch is too long.
         """
         line = line_of('begin', {'time': time, 'batch': batch, **others})
         # The new record is created before the old one ends, so that a batch is always in progress.
@@ -321,8 +322,8 @@ class RecordWriter:
     def note(self) -> None:
         """Add the present state of the record to `states`, if a record is open.
 
-        The audit log then protects the lines so far, even if the record is never closed because
-        power is lost.
+        The state in the audit log protects the lines written so far, even if power is lost before
+        the record is closed.
         """
         self._submit(self._note)
 
@@ -383,7 +384,7 @@ class RecordWriter:
     def _append(self, line: bytes) -> None:
         """Append a line with its hash, and sync the file. If no file is open, do nothing.
 
-        Raises OSError if the line cannot be written. The file is then unchanged.
+        If the line cannot be written, OSError is raised, and the file is unchanged.
         """
         if self._file is None:
             return
@@ -424,7 +425,7 @@ def line_of(kind: str, values: object) -> bytes:
 
 
 def _with_hash(line: bytes, before: 'hashlib._Hash') -> bytes:
-    """Return a line with the hash of the file up to this hash, and with the end of the line.
+    """Complete a line of `line_of` with the hash of the file so far, a brace and a line feed.
 
     `before` is the hash object of all earlier lines of the file. It is not changed.
     """

@@ -18,7 +18,7 @@ SUBGROUP = 5
 # Number of items in the reference period, which sets the limits.
 REFERENCE = 20 * SUBGROUP
 # Number of successive means that violate a rule if all of them lie on one side of the centre line,
-# if each is above the mean before it, or if each is below it.
+# or if they increase or decrease from each mean to the next.
 _RUN = 7
 
 
@@ -35,7 +35,8 @@ class ControlChart:
     spread: float
     # Upper limit of the standard deviations.
     spread_upper: float
-    # Rule that each mean violates, or '' if it violates none or the same rule as the mean before.
+    # Rule that each mean violates, or '' if the mean violates no rule or the same rule as the
+    # previous mean.
     marks: tuple[str, ...]
 
 
@@ -45,13 +46,13 @@ def control_chart(
     """Return the control chart of masses in kg, which are in chronological order.
 
     Successive masses form subgroups of `SUBGROUP` masses. Masses after the last full subgroup are
-    ignored. Returns None if `masses` or `reference` contains fewer than two subgroups. The masses
-    of the `reference` period, by default all masses, set the limits, so that the limits do not
-    follow a process that drifts. The limits of the means are their centre line minus and plus three
-    times the standard deviation of a subgroup mean. The upper limit of the subgroup standard
-    deviations is their centre line plus three times the standard deviation of a subgroup standard
-    deviation. These limits are computed from the mean of the subgroup standard deviations, with the
-    factors A3 and B4 of ISO 7870-2, table 2.
+    ignored. Returns None if `masses` or `reference` contains fewer than two subgroups. The limits
+    are computed from the masses of the `reference` period, by default from all masses. With a
+    reference period, the limits do not follow a process that drifts. The limits of the means are
+    their centre line minus and plus three times the standard deviation of a subgroup mean. The
+    upper limit of the subgroup standard deviations is their centre line plus three times the
+    standard deviation of a subgroup standard deviation. These limits are computed from the mean of
+    the subgroup standard deviations, with the factors A3 and B4 of ISO 7870-2, table 2.
 
     Examples
     --------
@@ -81,7 +82,7 @@ def _subgroups(masses: Sequence[float]) -> NDArray[np.float64]:
 
 
 def begun(rules: Iterable[str]) -> tuple[str, ...]:
-    """Return the rules, but '' instead of each rule that equals the rule before it."""
+    """Return the rules, with '' instead of each rule that equals the previous rule."""
     found = [*rules]
     return tuple(
         '' if rule == before else rule for before, rule in zip(['', *found], found, strict=False)

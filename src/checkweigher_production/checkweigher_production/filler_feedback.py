@@ -67,8 +67,8 @@ class FillerController:
     """Controller of one filler for one product.
 
     `product` is the name of the product, `nominal` is the nominal quantity, and `tare` is the mass
-    of the packaging, both in kg. `correction` is the sum of all changes of the set point in kg. Its
-    initial value is limited to -`max_correction`..`max_correction` of the parameters.
+    of the packaging, both in kg. `correction` is the sum of all changes of the set point in kg. The
+    initial correction is limited to the range from -`max_correction` to `max_correction`.
     """
 
     def __init__(
@@ -91,8 +91,8 @@ class FillerController:
     def add(self, verdict: Verdict) -> FillerFeedback | None:
         """Add an item. Return feedback if the item completes a subgroup, otherwise None.
 
-        An item of a performance test, an item with the decision FAULT, an item without a valid
-        mass, and each of the `delay` items after a step do not count for the subgroup.
+        Items of a performance test, items with the decision FAULT, items without a valid mass, and
+        the `delay` items after a step do not count for the subgroup.
         """
         if Reason.PERFORMANCE_TEST in verdict.reasons:
             return None  # the test product was not filled by the filler

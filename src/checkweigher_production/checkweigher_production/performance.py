@@ -147,21 +147,21 @@ class PerformanceTests:
 
     @property
     def wanted(self) -> bool:
-        """Whether a test is running. All items are then test products and must be rejected."""
+        """Whether a test is running, so that all items are test products and must be rejected."""
         return self.state.state is PerformanceState.RUNNING
 
     def remember(self, product: str, last: LastTest) -> None:
         """Set the last test of a product from the audit log, unless a test is known already.
 
-        If this test has failed, no earlier test is known to have passed.
+        If `last` has failed, no test of the product counts as passed.
         """
         self._known.setdefault(product, (last, last if last.passed else None))
 
     def select(self, product: str, batch: str, plan: PerformancePlan | None, now: int) -> None:
         """Cancel a running test, and continue with a product, a batch and a plan.
 
-        If one of these differs from before, `now` is the time from which the first test of the
-        product, or of the batch, is due.
+        If the product, the batch or the plan has changed, the first test of the product or batch is
+        due from the time `now` on.
         """
         if (product, batch, plan) != (self.state.product, self.state.batch, self.plan):
             self._began = now

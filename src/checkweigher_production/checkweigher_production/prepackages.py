@@ -60,7 +60,7 @@ class BatchJudgement:
     limits: Limits
     count: int
     mean: float  # kg
-    below_tu1: int  # number below TU1, which includes those below TU2
+    below_tu1: int  # number below TU1, which includes the number below TU2
     below_tu2: int  # number below TU2
     mean_passed: bool
     tu1_passed: bool
@@ -107,7 +107,7 @@ def batch_of(masses: Sequence[float], done: str = 'judged') -> NDArray[np.float6
     """Return the masses of a batch as an array of shape (n,).
 
     Raises `ValueError` if there are no masses, or if one is NaN or infinite. `done` is the past
-    participle in the message for an empty batch, which states what cannot be done with it.
+    participle in the message for an empty batch, such as 'judged' in "cannot be judged".
     """
     batch = np.array(masses, dtype=np.float64)
     if not len(batch):

@@ -2,6 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Recipes: a YAML file with the masses, limits and parameters of each product.
 
+Masses are net masses of the contents, except `tare` and the mass of the test product, which
+includes its packaging. The scale weighs contents and packaging together. Therefore the tare is
+added to all mass limits for the reject node.
+
+Examples
+--------
 ::
 
     products:
@@ -20,10 +26,6 @@
         parameters:               # of the nodes, as in a parameter file
           identifier:
             estimator: gauss_markov
-
-A mass is that of the contents, except `tare` and the mass of the test product, which includes its
-packaging. The scale weighs contents and packaging together. Therefore the tare is added to all
-mass limits for the reject node.
 """
 
 from collections.abc import Iterator, Mapping
@@ -115,9 +117,9 @@ class Product(NanEqual, Settings):
         unit='kg',
         maximum=_LARGEST_MASS,
     )
-    # Limits TU1 and TU2 in kg. A limit that the recipe does not give is that of 76/211/EEC, or NaN
-    # if the directive has none for this nominal quantity. A batch record contains those that
-    # applied when the product was selected.
+    # Limits TU1 and TU2 in kg. A limit that is missing in the recipe is taken from 76/211/EEC, or
+    # is NaN if the directive has no limit for the nominal quantity. A batch record contains the
+    # limits at the time at which the product was selected.
     tu1: float = parameter(
         math.nan, 'TU1, if it differs from the value of 76/211/EEC', unit='kg', minimum=0
     )
@@ -198,7 +200,7 @@ class Product(NanEqual, Settings):
             if math.isnan(self.tu1) or math.isnan(self.tu2):
                 text = 'needs TU1 and TU2, which 76/211/EEC does not have for this nominal quantity'
                 raise SettingsError(text, 'tu1_quota')
-            # A batch record contains the mass of TU2 instead of its name.
+            # A batch record contains the value of TU2 in kg instead of the text 'TU2'.
             mass = self.tu2 if given == 'TU2' else given
             if isinstance(mass, str) or not (mass == -math.inf or math.isclose(mass, self.tu2)):
                 raise SettingsError(
@@ -221,8 +223,8 @@ class Product(NanEqual, Settings):
     def limits(self) -> dict[str, object]:
         """Return the limits of the product by parameter name of the reject node.
 
-        The mass limits are those of contents with packaging, in kg. The limits of length are in m,
-        and those of speed in m/s. TU1 is 0 if the recipe has no quota.
+        The mass limits apply to contents with packaging, in kg. The limits of length are in m, and
+        the limits of speed in m/s. TU1 is 0 if the recipe has no quota.
         """
         quota = math.isfinite(self.tu1_quota)
         return {
@@ -246,10 +248,10 @@ class Product(NanEqual, Settings):
         """Return the reason why a scale cannot resolve the tolerances of the recipe, or ''.
 
         `std_dev` is the stated standard deviation of a mass in kg. If `std_dev` is NaN, the result
-        is ''. Twice this deviation may be at most a fifth of the tolerable negative error, as
-        German FPackV (Annex 7, 1 b) requires of the error of a scale. Without a tolerable negative
-        error, this rule does not apply. Three deviations, or the guard band if it is wider, may be
-        at most the distance of the nearer limit from nominal.
+        is ''. Twice `std_dev` may be at most a fifth of the tolerable negative error, as German
+        FPackV (Annex 7, 1 b) requires of the error of a scale. Three times `std_dev`, or the guard
+        band if it is wider, may be at most the distance of the nearer limit from nominal. If there
+        is no tolerable negative error, only the distance of the limits is checked.
         """
         fifth = (self.nominal - self.tu1) / 5
         if 2 * std_dev > fifth:
@@ -304,7 +306,7 @@ def change_recipe(path: Path, name: str, keys: Mapping[str, Any] | None) -> None
 
     Comments in the file are lost. Raises `SettingsError` if a recipe is not valid, or if the
     product to remove does not exist or is the only one, and `OutputError` if the file cannot be
-    written. If one of these is raised, the file is unchanged.
+    written. If an exception is raised, the file is unchanged.
     """
     with _locked(path):
         content = _content(path)
@@ -326,7 +328,7 @@ def replace_recipes(path: Path, text: str) -> None:
     """Replace the content of a recipe file by a text, which may contain comments.
 
     Raises `SettingsError` if a recipe is not valid, and `OutputError` if the file cannot be
-    written. If one of these is raised, the file is unchanged.
+    written. If an exception is raised, the file is unchanged.
     """
     read_settings(text, RecipeFile)
     with _locked(path):

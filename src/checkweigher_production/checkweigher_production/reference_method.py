@@ -9,16 +9,16 @@ The text was read on legislation.gov.uk, which shows the criteria of 2.3.3 as im
 k are therefore from the same tables in schedule 2 of UK SI 2006/659.
 
 In single sampling, one sample is judged. The sample sizes and the acceptance and rejection numbers
-are those of UK SI 2006/659, schedule 2, 3.3 to 3.5. The mean and TU2 are judged as in OIML R 87,
-whose text was not available. Therefore k is from the Australian National Trade Measurement
-Regulations 2009, 4.34. The rule that no prepackage in the sample may be below TU2 is from the
-examples in the Guide to the Average Quantity System in Australia.
+are from UK SI 2006/659, schedule 2, 3.3 to 3.5. The mean and TU2 are judged as in OIML R 87, whose
+text was not available. Therefore k is from the Australian National Trade Measurement Regulations
+2009, 4.34. The rule that no prepackage in the sample may be below TU2 is from the examples in the
+Guide to the Average Quantity System in Australia.
 
-All prepackages of a batch of fewer than 100 are tested (2.1.3). The directive has no criteria for
-this case. By UK SI 2006/659, schedule 2, at most 5 % of the batch may be below TU1 (3.6), and the
-mean of the batch must be at least the nominal quantity (4.7). No prepackage may be below TU2,
-because such a prepackage may not be sold (76/211/EEC, Annex I, 5). A batch at the end of the
-packing line may have more than 10,000 prepackages (2.1.2).
+All prepackages of a batch of fewer than 100 are tested (2.1.3). The directive has no criteria for a
+batch of fewer than 100. According to UK SI 2006/659, schedule 2, at most 5 % of the batch may be
+below TU1 (3.6), and the mean of the batch must be at least the nominal quantity (4.7). No
+prepackage may be below TU2, because such a prepackage may not be sold (76/211/EEC, Annex I, 5). A
+batch at the end of the packing line may have more than 10,000 prepackages (2.1.2).
 
 Nothing here is type-approved for legal metrology.
 """
@@ -46,9 +46,10 @@ class SamplingPlan(Enum):
     SINGLE = 'single'
 
 
-# Each row contains the largest batch size and, for the first sample and for both samples together,
-# the sample size, the largest number of defective prepackages with which the batch is accepted, and
-# the smallest number with which the batch is rejected.
+# Each row contains the largest batch size, and three numbers for the first sample and for both
+# samples together. The three numbers are the sample size, the largest number of defective
+# prepackages with which the batch is accepted, and the smallest number with which the batch is
+# rejected.
 _CONTENTS = {
     SamplingPlan.DOUBLE: (
         (500, ((30, 1, 3), (60, 4, 5))),
@@ -66,10 +67,10 @@ _MEANS = {
 
 @dataclass(frozen=True, slots=True)
 class SampleResult:
-    """Number of defective prepackages in the samples up to this one, and limits of this number."""
+    """Cumulative number of defective prepackages after a sample, and the limits of this number."""
 
-    count: int  # number of prepackages in the samples up to this one
-    defective: int  # number of these prepackages that are below TU1
+    count: int  # cumulative number of prepackages in the samples
+    defective: int  # cumulative number of prepackages below TU1
     accept: int  # largest number of defective prepackages with which the batch is accepted
     reject: int  # smallest number of defective prepackages with which the batch is rejected
 

@@ -70,7 +70,8 @@ class Selection(Settings):
     def on_line(self) -> ProductOnLine | None:
         """Record of the selected product and its limits for the reject node.
 
-        None if `product` is None. The limits are those of the file, not those of the recipe.
+        The value is None if `product` is None. The limits are read from the file, not from the
+        recipe.
         """
         product = self.product
         return None if product is None else replace(product.on_line(self.batch), **self.limits)
@@ -100,7 +101,7 @@ def write_selection(folder: Path, selection: Selection) -> None:
 def _has_later_selection(entries: Sequence[Entry], last: str) -> bool:
     """Return whether an entry after the entry with the hash `last` selects a product or a batch.
 
-    If no entry has this hash, all entries are checked.
+    If no entry has the hash `last`, all entries are checked.
     """
     for entry in reversed(entries):
         if entry.hash == last:

@@ -67,7 +67,7 @@ class ProductionStatistics:
     def add_estimate(self, estimate: MassEstimate) -> bool:
         """Count an item if its length or speed is outside the limits of the product.
 
-        Returns whether it is outside, and False without a product.
+        Returns True if the item was counted, and False otherwise or without a product.
         """
         if self.product is None:
             return False
@@ -129,8 +129,9 @@ class ProductionRecord:
         self.product: Product | None = None
         self._all: dict[tuple[str, str], ProductionStatistics] = {}
         self._tallies: dict[tuple[str, str], BatchTally] = {}
-        # Item number, t1 and t3 of the last items without a product. As many items are kept as the
-        # topic verdict keeps messages, because a restarted node receives these messages again.
+        # Item number, t1 and t3 of the last items without a product. The maximum number of items is
+        # the history depth of the topic verdict, because a restarted node receives the messages in
+        # the history again.
         self._without_product = deque[tuple[int, int | None, int | None]](maxlen=1000)
         self._std_devs = deque[float](maxlen=_LATEST)  # standard deviations of masses, in kg
 
@@ -158,9 +159,9 @@ class ProductionRecord:
         """Count an item for the product and batch of its verdict; return whether it was new.
 
         A restarted node receives verdicts again. A verdict contains the number of items in its
-        batch so far. An item is new if this number exceeds that of all earlier verdicts on its
-        product and batch. An item without a product is new if no recent item without a product has
-        the same item number and times.
+        batch so far. An item is new if this number exceeds the numbers in all earlier verdicts on
+        its product and batch. An item without a product is new if no recent item without a product
+        has the same item number and times.
         """
         key = verdict.product, verdict.batch if verdict.product else self.batch
         if verdict.product:
@@ -190,7 +191,7 @@ class ProductionRecord:
         return self.current.summary(self.batch)
 
     def has_batch(self, batch: str) -> bool:
-        """Return whether a name is that of the present batch or of a batch with counted items."""
+        """Return whether `batch` is the present batch, or a batch that has statistics."""
         return batch == self.batch or any(name == batch for _, name in self._all)
 
     def begin_stream(self) -> None:

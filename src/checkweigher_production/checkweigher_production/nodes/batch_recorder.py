@@ -25,16 +25,16 @@ from checkweigher_production.recipes import Product
 from checkweigher_production.selection import Selection, read_selection, write_selection
 from checkweigher_production.statistics import ProductionRecord
 
-_PATIENCE = 5.0  # longest time in s for which a starting node waits for the disk
+_PATIENCE = 5.0  # longest wait in s for the states of opened records
 
 
 class LineBatches:
     """Counts of the batches of a line, with a record of each batch in the folder `folder`.
 
-    If `folder` is empty, there are no records. Otherwise, the batch of the last run continues with
-    its product and counts. If this batch is uncertain or its counts are lost, a person must begin a
-    batch. `first` is the name of the batch if there is none to continue, `clock` returns the time
-    for the records (ISO 8601, UTC), and `log` is the audit log of the line, or None without one.
+    If `folder` is empty, there are no records. With a folder, the batch of the last run continues
+    with its product and counts. If this batch is uncertain or its counts are lost, a person must
+    begin a batch. `first` is the name of the batch if no batch is continued. `clock` returns the
+    time for the records (ISO 8601, UTC), and `log` is the audit log of the line or None.
 
     Raises `RecordError` if the folder cannot be created.
 
@@ -62,15 +62,15 @@ class LineBatches:
         self._log = log
         self._note: Callable[[RecordState], object] | None = None
         self._filler: FillerController | None = None
-        self._corrected = '', 0.0  # last product, and the last correction for it in kg
+        self._corrected = '', 0.0  # last product, and its last filler correction in kg
         self._folder = Path(folder)
         self._writer: RecordWriter | None = None
-        # Records without an end by batch name, except the present record.
+        # Paths of the records without an end, by batch name, except the present record.
         self._open: dict[str, Path] = {}
         self._left_out: list[str] = []  # faults of invalid records
         self._forgotten = ''  # reason why the last selection is unknown, or empty
         self._batch = self._before = ''  # batch of the present record, and the batch before it
-        self._kept: Selection | None = None  # content of the file with the selection, if known
+        self._kept: Selection | None = None  # stored selection, or None if unknown
         self.not_kept = self.broken = ''
         if folder:
             self._writer = RecordWriter(self._folder)
@@ -101,8 +101,8 @@ class LineBatches:
     def open(self, note: Callable[[RecordState], object]) -> None:
         """Begin to write events to the records. `note` writes a record state to the audit log.
 
-        The audit log must state that the record continues before an event is added. Otherwise,
-        after a kill, the event would look as if it had been added while the machine was off.
+        Before an event is added, the audit log must state that the record continues. Without this
+        entry, an event before a kill would look as if it had been added while the machine was off.
         """
         self._note = note
         self._note_states()
@@ -118,8 +118,9 @@ class LineBatches:
     def _batch_in_progress(self, first: str) -> str:
         """Return the only batch without an end or, if there is none, the batch `first`.
 
-        Raises `RecordError` if several records have no end or a record is not valid, because the
-        batch in progress is then uncertain, or if there is none and the batch `first` has ended.
+        Raises `RecordError` if the batch in progress is uncertain because several records have no
+        end or a record is not valid. Raises `RecordError` as well if all records have ended, and
+        the batch `first` has a record.
         """
         if len(self._open) > 1 or self._left_out:
             several = '; '.join([*map(str, self._open.values()), *self._left_out])
@@ -217,7 +218,7 @@ class LineBatches:
     def control_filler(self, product: Product) -> None:
         """Begin the feedback to the filler for a product, or end it if the recipe has no filler.
 
-        The feedback continues with the last correction of this product, if it is known.
+        The feedback continues with the last correction of this product if the correction is known.
         """
         last, correction = self._corrected
         correction = correction if last == product.name else 0.0
@@ -276,8 +277,8 @@ class LineBatches:
     def may_begin(self, batch: str) -> bool:
         """Return whether a batch with the name `batch` may begin.
 
-        The name must be unused. If no batch is in progress after a restart, it may also be the name
-        of a batch whose record has no end. This batch then continues.
+        The name must be unused. If no batch is in progress after a restart, `batch` may also be the
+        name of a batch whose record has no end, and this batch continues.
         """
         if self.doubt and batch in self._open:
             return True

@@ -76,7 +76,8 @@ class LineAudit:
     def awaits(self, nodes: set[str]) -> bool:
         """Return whether parameters of one of `nodes` must still be read and written to the log.
 
-        While the result is True, no parameter of `nodes` may be set. Without a log, it is False.
+        While the result is True, no parameter of `nodes` may be set. Without a log, the result is
+        False.
         """
         return self._log is not None and not self._unread.isdisjoint(nodes)
 
@@ -91,7 +92,7 @@ class LineAudit:
         """Write the parameters that are about to be set to the audit log.
 
         `changes` contains the new values by node and parameter name. Raises `AuditError` if a node
-        is not one of the line or the log cannot be written; the caller must then not set the
+        does not belong to the line or the log cannot be written; the caller must then not set the
         parameters.
         """
         for node, values in changes.items():
@@ -109,7 +110,7 @@ class LineAudit:
 
         This is the callback of the service `RECORD_CHANGE`. Returns an empty message. Raises
         ValueError if the change cannot be written or is not possible on this line; the caller of
-        the service must then not make it.
+        the service must then not make the change.
         """
         try:
             self._write(request, json.loads(request.new_value))
@@ -136,7 +137,9 @@ class LineAudit:
     def _may_request(self, kind: str, subject: str, value: Any) -> bool:
         """Return whether a command or the page may request an entry with this kind and subject.
 
-        The subject is a batch with a record, or a name of at most `_LONGEST_NAME` characters.
+        If a batch is signed, the subject must be a batch with a record. Otherwise, the kind must be
+        a signature, a verification or a tare, and the subject at most `_LONGEST_NAME` characters
+        long.
         """
         if kind == changes.SIGNATURE and isinstance(value, dict) and 'batch' in value:
             return self._has_record(subject)
@@ -157,7 +160,7 @@ class LineAudit:
         """Register the services that a person is about to call, or write the action of a person.
 
         `value` is None for an announcement of services, or a text that states the action. Raises
-        `AuditError` if it is of another type, or if the action cannot be written.
+        `AuditError` if `value` is of another type, or if the action cannot be written.
         """
         author = Author(name, one_line(request.reason))
         if value is None:
@@ -181,8 +184,8 @@ class LineAudit:
                 continue
             try:
                 values = await self._line.get_all(node)
-                # If a change was announced while the values were read, they may be the values from
-                # before the change. Such values are ignored, and read again later.
+                # Values that were read while a change was announced are ignored and read again
+                # later, because they may be from before the change.
                 if self._announced.get(node, -math.inf) < began:
                     self.trail.found(f'{self._namespace}/{node}', values)
                     self._unread.discard(node)

@@ -22,13 +22,13 @@ from checkweigher_production.recipes import NODES, Product
 
 @dataclass(eq=False)
 class LineRecipe:
-    """Setter of the limits of the selected product, and of its parameters in all nodes or in none.
+    """Setter of the limits of the selected product, and of its parameters in all nodes.
 
     A product is "on the line" when it is published to the reject node. While the parameters of the
-    nodes are set, no product is on the line, and the reject node accepts no item. After each
-    publication except that of a product whose change failed, the methods `set`, `change` and
-    `restore` await the confirmation of the reject node. These methods raise `RefusedError` if a
-    node refuses a parameter or does not answer.
+    nodes are set, no product is on the line, and the reject node accepts no item. The methods
+    `set`, `change` and `restore` publish a product and await the confirmation of the reject node.
+    No confirmation is awaited for a publication after a failure. If a node refuses a parameter or
+    does not answer, `set`, `change` and `restore` raise `RefusedError`.
 
     `line` is the client for the parameters of all nodes, `publish` publishes the product on the
     line, `clock` returns the time in ns, and `tally` returns the counts of a product in a batch.
@@ -55,10 +55,11 @@ class LineRecipe:
         self.in_use: ProductOnLine | None = None
         # Future that is done when the reject node confirms the last published product.
         self._taken = Future()
-        # Values of the parameters before any recipe, by node. A parameter gets this value again
-        # when a product is selected whose recipe does not set the parameter.
+        # Original values of the parameters, from before any recipe, by node. A parameter gets its
+        # original value again when a product is selected whose recipe does not set the parameter.
         self._base: dict[str, Values] = {}
-        self._set: dict[str, Values] = {}  # values for the selected product, by node.
+        # Parameter values for the selected product, by node.
+        self._set: dict[str, Values] = {}
         # Nodes that were started after the parameters of the product were last set in them.
         self._restarted: set[str] = set()
 
@@ -82,7 +83,7 @@ class LineRecipe:
         """Update the product in use after the reject node has confirmed a product.
 
         If the reject node has no product when this node starts, `resumed` is selected. Unless
-        `waits` is True, it is also put on the line.
+        `waits` is True, `resumed` is also put on the line.
         """
         first, self.in_use = self.in_use is None, product
         # When this node starts, it adopts the product of the reject node with its limits.
@@ -97,8 +98,8 @@ class LineRecipe:
     def update(self) -> None:
         """Publish the product on the line again, with the present counts of its batch.
 
-        A restarted reject node continues from these counts. Without a product on the line, nothing
-        is published.
+        A restarted reject node continues from the published counts. Without a product on the line,
+        nothing is published.
         """
         if self.on_line.product:
             self.publish(self._counted(self.on_line))
@@ -115,11 +116,14 @@ class LineRecipe:
         called with the new parameters by node. If `announce` raises an exception, no parameter is
         set.
 
-        Raises `RefusedError` if the product is too slow for the segmenter, or if a node is
-        missing, does not answer or refuses a parameter. The previous parameters of all nodes are
-        then restored. If the nodes have the parameters, but the reject node does not confirm the
-        product, `RefusedError` is raised, too. The parameters are then kept, and no product is on
-        the line. Raises `HalfSetError`, a kind of `RefusedError`, if they cannot be restored.
+        Raises `RefusedError` if the product is too slow for the segmenter, or if a node is missing,
+        does not answer or refuses a parameter. The previous parameters of all nodes are then
+        restored. Raises `HalfSetError`, a kind of `RefusedError`, if the previous parameters cannot
+        be restored.
+
+        Raises `RefusedError` as well if the nodes have the new parameters, but the reject node does
+        not confirm the product. The new parameters are then kept. No product is then on the line if
+        parameters were changed; otherwise, the previous product is put on the line again.
         """
         restarted = set(self._restarted)
         await self._check_speed(product)
@@ -179,7 +183,7 @@ class LineRecipe:
             self.selected = changed
 
     async def restore(self) -> str:
-        """Set the parameters of the product in all nodes in `lost`, and return its name."""
+        """Set the parameters of the product in all nodes in `lost`, and return the product name."""
         lost = self.lost
         assert self.selected is not None
         await self._change({n: self._set[n] for n in NODES if n in lost}, self.selected, None)
@@ -192,9 +196,9 @@ class LineRecipe:
         """Set parameters while no product is on the line, and then put `product` on the line.
 
         If `values` is empty, the previous product stays on the line until `product` replaces it.
-        Raises `RefusedError` if a node refuses a parameter or does not answer. If the nodes then
-        still have their previous parameters, `otherwise` is put on the line. If parameters were
-        changed, no product is on the line.
+        Raises `RefusedError` if a node refuses a parameter or does not answer. After a failure,
+        `otherwise` is put on the line if all nodes have their previous parameters. If changed
+        parameters remain, no product is put on the line.
         """
         try:
             if values:
@@ -213,7 +217,7 @@ class LineRecipe:
         await self.line.answer('reject', self._taken)
 
     def put(self, product: ProductOnLine | None) -> None:
-        """Publish the product on the line. None means that no product is on the line."""
+        """Publish the product on the line. If `product` is None, no product is on the line."""
         none = ProductOnLine(0, needed=True)
         self.on_line = self._counted(replace(product or none, stamp=self.clock()))
         self.publish(self.on_line)

@@ -45,9 +45,9 @@ class LineSelection:
     """Selection of product and batch.
 
     Each change of the selection is written to the audit log before it is made. The restoration of
-    the limits in a restarted node is written afterwards. `file` is the path of the recipe
-    file, or empty if the line has no recipes. `first` is the name of the product that is selected
-    at a start without a stored selection, or empty if none is selected then. `warn` logs a warning.
+    the parameters in a restarted node is written afterwards. `file` is the path of the recipe file,
+    or empty if the line has no recipes. `first` is the name of the product that is selected at a
+    start without a stored selection, or empty if none is selected then. `warn` logs a warning.
     """
 
     file: str
@@ -72,8 +72,8 @@ class LineSelection:
         after parameters were changed.
 
         Raises `SettingsError` if the recipe file is not valid or has no such product, or if no
-        batch is in progress, `AuditError` if the audit log cannot be written, and `RefusedError` if
-        a node refuses a parameter or does not answer.
+        batch is in progress. Raises `AuditError` if the audit log cannot be written. Raises
+        `RefusedError` if a node refuses a parameter or does not answer.
         """
         products, product = find(self.file, name)
         if self.batches.doubt:
@@ -163,7 +163,7 @@ class LineSelection:
     async def restore(self) -> None:
         """Set the parameters of the product in the nodes that have been restarted.
 
-        If a node refuses them, a warning is logged, and the next call tries again.
+        If a node refuses a parameter, a warning is logged, and the next call tries again.
         """
         lost = self.recipe.lost
         if not lost or self.audit.awaits(lost):
@@ -180,8 +180,9 @@ class LineSelection:
         """Begin a batch, end the previous batch, and return the statistics of the previous batch.
 
         Raises `RecordError` if the name is empty or was used before, or if a record to be continued
-        is not valid, `AuditError` if the audit log cannot be written, and `RefusedError` if the
-        reject node does not confirm the batch. The previous batch then continues.
+        is not valid. Raises `AuditError` if the audit log cannot be written, and `RefusedError` if
+        the reject node does not confirm the batch. If an exception is raised, the previous batch
+        continues.
         """
         continues = bool(self.batches.doubt) and self.batches.has_record(name)
         is_known = self.audit.trail.last(changes.RECORD, name) is not None and not continues
@@ -208,7 +209,7 @@ class LineSelection:
     async def reset_counts(self, by: Author) -> Statistics:
         """Reset the counts of the present product and batch, and return the statistics so far.
 
-        Raises `AuditError` if the audit log cannot be written. The counts are then unchanged.
+        If the audit log cannot be written, `AuditError` is raised, and the counts are unchanged.
         """
         finished = self._end_count(changes.RESET, None, by)
         self.batches.reset()
@@ -232,7 +233,7 @@ class LineSelection:
                 yield BatchResult(0, state.batch, record, state.sha256)
 
     def _other_limits(self) -> str:
-        """Return a message if the limits in use differ from those of the recipe, otherwise ''."""
+        """Return a message if the limits in use differ from the limits of the recipe, or ''."""
         product, in_use = self.batches.production.product, self.recipe.in_use
         if product is None or in_use is None or in_use.product != product.name:
             return ''

@@ -52,8 +52,8 @@ class LineTest:
         """Begin a test, and return an instruction for the person who makes it.
 
         Raises ValueError if `by` names no person, if the recipe requires no test, or if a test is
-        running already, `AuditError` if the audit log cannot be written, and `RefusedError` if the
-        reject node does not confirm that it rejects all items.
+        running already. Raises `AuditError` if the audit log cannot be written, and `RefusedError`
+        if the reject node does not confirm that it rejects all items.
         """
         who = by.who.strip()
         if not who:
@@ -96,7 +96,8 @@ class LineTest:
     async def advance(self) -> None:
         """Update the state, and set the reject node to accept items again after a test.
 
-        Raises `RefusedError` if the reject node does not confirm it. The next call tries again.
+        Raises `RefusedError` if the reject node does not confirm that it accepts items again. The
+        next call tries again.
         """
         if self._tests.advance(self.clock()):
             self.publish(self._tests.state)

@@ -34,7 +34,7 @@ from checkweigher_production.nodes.line_selection import LineSelection, find
 from checkweigher_production.nodes.performance import LineTest
 
 _PATIENCE = 2.0  # longest wait in s for an answer of another node
-_POLL_PERIOD = 0.5  # period in s of the timers below, except that of _NOTE_PERIOD
+_POLL_PERIOD = 0.5  # period in s of the timers for recipes, records and parameters
 _NOTE_PERIOD = 3600.0  # time in s between two audit log entries on the state of the batch record
 
 
