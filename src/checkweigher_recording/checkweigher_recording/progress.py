@@ -15,8 +15,7 @@ T = TypeVar('T')
 _DELAY = 1.0  # time in s until the bar appears, and twice the least time between two lines
 _FORMAT = '{desc}: {percentage:3.0f}%|{bar}| {elapsed}, about {remaining} left'
 
-# Name of an environment variable. If the variable is set, lines of text are printed instead of a
-# bar.
+# Name of the environment variable that selects lines of text instead of a bar.
 PROGRESS = 'CHECKWEIGHER_PROGRESS'
 _LINE = 'progress {:.4f}, {:.1f} s left: {}'
 _READ = re.compile(r'progress (\S+), (\S+) s left: (.*)')
@@ -45,7 +44,7 @@ def with_progress(
     size: Callable[[T], float] | None = None,
     shown: bool = True,
 ) -> Iterable[T]:
-    """Return an iterable that yields the same items and shows a progress bar.
+    """Return an iterable that yields `items` and shows a progress bar.
 
     The bar appears only if the standard error stream is a terminal, and only after one second. If
     the environment variable CHECKWEIGHER_PROGRESS is set and `total` is known and not 0, lines of
@@ -61,7 +60,7 @@ def with_progress(
         return _printed(items, doing, total, size)
     if not shown or not sys.stderr.isatty():
         return items
-    # Import the package late, because the import is slow.
+    # Import tqdm late, because the import is slow.
     from tqdm import tqdm
 
     # With `smoothing=0`, the remaining time is estimated from the mean speed since the start. The

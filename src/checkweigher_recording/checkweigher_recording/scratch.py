@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Temporary folders for copies of bags.
 
-If a process was killed, its folder is removed when another process creates such a folder.
+The folder of a killed process is removed when another process creates a temporary folder.
 """
 
 from collections.abc import Iterator
@@ -36,7 +36,7 @@ def scratch_folder() -> Iterator[Path]:
 def remove_abandoned() -> None:
     """Remove the folders of `scratch_folder` whose processes have ended without removing them.
 
-    Folders of other users are kept, and all folders if the file system does not support locks.
+    Folders of other users are kept. All folders are kept if the file system does not support locks.
     """
     for folder in Path(tempfile.gettempdir()).glob(f'{_PREFIX}*'):
         try:

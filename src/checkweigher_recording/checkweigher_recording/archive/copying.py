@@ -27,7 +27,7 @@ def holds_bag(names: Iterable[str]) -> bool:
 
 @contextmanager
 def local_bag(bag: str) -> Iterator[Path]:
-    """Yield the local path of a bag. If `bag` is a URL, this is the path of a temporary copy.
+    """Yield the path of a local bag, or the path of a temporary copy if `bag` is a URL.
 
     The copy is removed when the context ends. If a `BagError` is raised within the context, the
     path of the copy in its message is replaced by the URL.
@@ -49,7 +49,7 @@ def local_bag(bag: str) -> Iterator[Path]:
 
 @contextmanager
 def store_errors(url: str) -> Iterator[Callable[[str], tuple[Any, str]]]:
-    """Convert the exceptions of accesses to the file system of a URL to `BagError`.
+    """Convert exceptions of the file system of a URL to `BagError`.
 
     Yields the function ``fsspec.core.url_to_fs``, which returns the file system of a URL and the
     path within that file system.
@@ -62,7 +62,7 @@ def store_errors(url: str) -> Iterator[Callable[[str], tuple[Any, str]]]:
         raise
     except ImportError as error:
         raise BagError(f'{url}: {" ".join(str(error).split())}') from None
-    # Convert all exceptions, because those of the fsspec file systems have no common base class.
+    # Convert all exceptions, because the fsspec file systems have no common exception class.
     except Exception as error:
         text = ' '.join(str(error).split()) or type(error).__name__
         if isinstance(error, FileNotFoundError):
@@ -78,7 +78,7 @@ def _copy(store: Any, path: str, copy: Path) -> None:
     """Copy a file, or the files of a folder, from a file system of fsspec to the path `copy`.
 
     Subfolders are not copied. Raises `FileNotFoundError` if the folder has no files, and `BagError`
-    if it is not a bag. Exceptions of the file system are not converted.
+    if the folder is not a bag. Exceptions of the file system are not converted.
     """
     if path.endswith(('.mcap', '.db3')):
         store.get_file(path, str(copy))

@@ -14,7 +14,7 @@ _SUFFIXES = ('.mcap', '.db3')
 
 
 def find_bags(places: Iterable[str]) -> dict[str, str]:
-    """Return the bags in some places, as a mapping from each bag to its place.
+    """Return the bags in the given places, as a mapping from each bag to its place.
 
     A place is a path or a URL of fsspec. If a place is a file, it is returned as a bag, as is a
     path that does not exist. If a place is a folder, the folder and its subfolders are searched for
@@ -50,7 +50,7 @@ def result_names(found: Mapping[str, str]) -> dict[str, str]:
 
     The path consists of the last folder of the place and the path of the bag within the place. If
     two bags would have the same path, all paths begin with one or more parent folders of the place.
-    With a single place, the paths of the known bags do not change when bags are added.
+    With a single place, the path of a bag does not change when other bags are added.
 
     Raises `BagError` if the paths cannot be made unique, because two places differ only in their
     spelling.

@@ -29,7 +29,7 @@ class BagError(ValueError):
 
 @contextmanager
 def bag_errors(path: Path) -> Iterator[None]:
-    """Convert the exceptions that are raised while the bag or file `path` is read to `BagError`.
+    """Convert exceptions to `BagError` while the bag or file `path` is read.
 
     A `BagError` is raised unchanged.
     """
@@ -165,7 +165,7 @@ def _lacks_only_newer_fields(stored: Typestore, port: Port) -> bool:
 
 
 def _type_hash(definition: MessageDefinition, port: Port) -> str:
-    """Return the RIHS01 hash of a definition from a bag, or '' if `_stored` returns None for it."""
+    """Return the RIHS01 hash of a definition from a bag, or '' if its format is not MSG or IDL."""
     known = typestore([port])
     if definition.data == known.generate_msgdef(port.message_type, ros_version=2)[0]:
         return known.hash_rihs01(port.message_type)
@@ -176,8 +176,7 @@ def _type_hash(definition: MessageDefinition, port: Port) -> str:
 def _stored(definition: MessageDefinition, port: Port) -> Typestore | None:
     """Return a store with a definition from a bag.
 
-    Returns None if the bag has no definition, or a definition in neither of the formats MSG and
-    IDL.
+    Returns None if the bag has no definition, or if the format of the definition is not MSG or IDL.
     """
     store = get_typestore(Stores.EMPTY)
     if definition.format == MessageDefinitionFormat.MSG:

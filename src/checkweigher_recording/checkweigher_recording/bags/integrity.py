@@ -17,8 +17,8 @@ from mcap.stream_reader import MAGIC_SIZE
 from checkweigher_recording.bags.definitions import BagError, bag_errors
 
 MAGIC = b'\x89MCAP0\r\n'
-# Layouts (opcode, length and content) of two records of an MCAP file: the record Data End, which is
-# the last one of the data section, and the record Footer, which is the last one of the file.
+# Layouts (opcode, length and content) of Data End, the last record of the data section, and of
+# Footer, the last record of an MCAP file.
 _DATA_END, _FOOTER = struct.Struct('<BQI'), struct.Struct('<BQQQI')
 _PIECE = 1 << 20  # number of bytes that are read at a time
 

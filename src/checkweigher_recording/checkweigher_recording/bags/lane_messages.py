@@ -16,10 +16,9 @@ from checkweigher_core.ros.ports import LOAD_CELL_INFO, LOAD_CELL_SAMPLES, Port
 from checkweigher_recording.bags.definitions import BagError, deserialize
 from checkweigher_recording.bags.sample_decoding import decode_samples
 
-# The samples are decoded when this number of messages, or messages of this total size in bytes,
-# have been added since the latest decoding.
+# Number of messages, or total size of messages in bytes, after which the samples are decoded.
 _AT_ONCE, _BYTES_AT_ONCE = 4096, 1 << 22
-# Maximum time in ns by which the stamp of a message may be before that of an earlier message.
+# Maximum time in ns by which the stamp of a message may precede the stamp of an earlier message.
 _LATE = 60 * NANOSECONDS
 
 
@@ -41,7 +40,8 @@ class LaneMessages:
         self._samples: list[bytes] = []  # messages with samples that are not decoded yet
         self._blocks = [BlockColumns.of([])]
         self._events: list[EyeEdge | Reference] = []
-        self._since = self._bytes = 0  # number and size of the messages since the last decoding
+        # Number and total size in bytes of the messages since the last decoding.
+        self._since = self._bytes = 0
         self._end: int | None = None  # end of the last stretch in ns
 
     def take(self, topic: str, port: Port, data: bytes) -> None:
@@ -89,7 +89,7 @@ class LaneMessages:
         """Return the next stretch, which ends one minute before the latest stamp.
 
         Returns None if messages were added after the latest decoding, if the stretch would contain
-        no samples, or if its end would not be later than that of the previous stretch. Raises
+        no samples, or if its end would not be later than the end of the previous stretch. Raises
         `OutOfOrderError` if a message belongs to a stretch that was already returned, and
         `BagError` if no load-cell message has been added.
         """
@@ -136,7 +136,8 @@ class LaneMessages:
     def _sorted(self) -> BlockColumns:
         """Sort the events and the blocks, and return the blocks.
 
-        Raises `OutOfOrderError` if one of them belongs to a stretch that was already returned.
+        Raises `OutOfOrderError` if an event or a block belongs to a stretch that was already
+        returned.
         """
         blocks = BlockColumns.concatenate(self._blocks).in_canonical_order()
         self._blocks = [blocks]

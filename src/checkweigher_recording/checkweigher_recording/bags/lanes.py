@@ -27,8 +27,8 @@ def find_port(name: str, ports: Iterable[Port]) -> tuple[str, Port] | None:
     found = [port for port in ports if name == port.name or name.endswith(f'/{port.name}')]
     if not found:
         return None
-    # Choose the port with the longest name. Otherwise, the topic load_cell/status would be taken
-    # for the topic status of a lane with the namespace load_cell.
+    # Choose the port with the longest name, because the topic load_cell/status would otherwise be
+    # taken for the topic status of a lane with the namespace load_cell.
     port = max(found, key=lambda port: len(port.name))
     return name.removesuffix(port.name).removesuffix('/'), port
 

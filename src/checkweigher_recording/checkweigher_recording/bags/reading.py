@@ -73,9 +73,9 @@ def read_stretches(
     and messages may be missing in any of the earlier parts. The other parameters and exceptions are
     as in `read_bag`.
 
-    Raises `OutOfOrderError` if a message belongs to a part that was already returned. This happens
-    only if the time stamp of the message is more than one minute before that of an earlier message.
-    `read_bag` can read such a bag.
+    Raises `OutOfOrderError` if a message belongs to a part that was already returned. This error
+    occurs only if the time stamp of the message is more than one minute before the time stamp of an
+    earlier message. In contrast, `read_bag` accepts messages in any order.
     """
     with open_bag(path) as bag:
         lane = choose_lane(path, bag.connections, namespace)

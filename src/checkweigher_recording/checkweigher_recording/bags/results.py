@@ -18,8 +18,9 @@ def read_records(path: Path, *wanted: Port) -> dict[str, list[Any]]:
 
     The list of a topic without messages is empty.
 
-    Raises `BagError` if the bag is damaged or is not a complete MCAP bag, if a topic occurs in
-    several lanes, or if the message definitions differ in more than fields that were added later.
+    Raises `BagError` if the bag is damaged or is not a complete MCAP bag, or if a topic occurs in
+    several lanes. Raises `BagError` as well if the message definitions of the bag differ from the
+    installed ones by more than fields that were added later.
     """
     found: dict[str, list[Any]] = {port.name: [] for port in wanted}
     files_of_bag(path)
@@ -53,7 +54,7 @@ def files_of_bag(path: Path) -> list[Path]:
 def mcap_digest(path: Path) -> str:
     """Return the SHA-256 digest of the contents of a bag's MCAP files, in hexadecimal digits.
 
-    The files are taken in the order of their names. Raises `BagError` as `files_of_bag` does.
+    The files are read in the order of their names. Raises `BagError` as `files_of_bag` does.
     """
     digest = hashlib.sha256()
     for file in files_of_bag(path):

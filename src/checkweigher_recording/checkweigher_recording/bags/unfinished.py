@@ -97,7 +97,8 @@ def unfinished_parts(path: Path) -> list[Path]:
     """Return the MCAP files of an incomplete recording in the order in which they were written.
 
     The folder of an incomplete recording has no ``metadata.yaml``, because recorders write that
-    file at the end. The list is empty if `path` is not such a folder, or has no MCAP files.
+    file at the end. The list is empty if `path` is not the folder of an incomplete recording, or
+    has no MCAP files.
     """
     if not path.is_dir() or (path / 'metadata.yaml').exists():
         return []
@@ -113,9 +114,10 @@ class _Part:
     """Readable part of an MCAP file that may have been cut off.
 
     `ended` is True if the data section is complete. `damage` describes a fault that cannot result
-    from a killed process or a power loss, such as a wrong check sum of a chunk that is followed by
-    other chunks; it is empty if there is no such fault. Messages after a fault are ignored. `times`
-    contains the earliest and the latest log time in ns; it is empty if there are no messages.
+    from a killed process or a power loss, or is empty. For example, a wrong check sum of a chunk is
+    damage if another chunk follows, because only the last chunk can be incomplete. Messages after a
+    fault are ignored. `times` contains the earliest and the latest log time in ns, or is empty if
+    there are no messages.
     """
 
     def __init__(self, path: Path) -> None:
@@ -208,7 +210,7 @@ class _Part:
 def _is_empty(head: bytes, file: BinaryIO) -> bool:
     """Return whether a record head and all following bytes of the file are 0.
 
-    Some file systems leave such bytes after a power loss, because they had reserved the space.
+    Some file systems leave zero bytes after a power loss, because they reserve space in advance.
     """
     rest = iter(lambda: file.read(_PIECE), b'')
     return not any(head) and not any(piece.strip(b'\0') for piece in rest)

@@ -23,7 +23,7 @@ from checkweigher_core.whole_file import OutputError, check_new, output_error, w
 from checkweigher_recording.bags.definitions import serialize, typestore
 from checkweigher_recording.bags.lanes import lane_prefix
 
-# Name of the file in the folder of a bag. The name of the file does not depend on that of the
+# Name of the file in the folder of a bag. The name of the file does not depend on the name of the
 # folder, because equal recordings must have equal bytes.
 _FILE = 'line_0.mcap'
 _VERSION = 9  # version of the bag format
@@ -70,9 +70,9 @@ class BagWriter(AbstractContextManager['BagWriter', None]):
 
     `ports` are the topics of the bag. By default, the folder of the bag appears when the context
     ends; if an exception ends the context, no folder appears. If `in_place` is True, the folder
-    appears with the first message, and ``metadata.yaml`` is added when the context ends. If an
-    exception ends the context, the messages are kept without ``metadata.yaml``; if the process is
-    killed, the messages before the latest call of `flush` are kept. Equal messages with equal calls
+    appears with the first message, and ``metadata.yaml`` is added when the context ends. With
+    `in_place`, an exception leaves the messages without ``metadata.yaml``, and a killed process
+    leaves at least the messages before the latest call of `flush`. Equal messages with equal calls
     of `flush` give equal bytes. `path` and `namespace` are as in `write_bag`.
 
     Raises `OutputError` if `path` exists already or cannot be written, or if the context ends
@@ -165,7 +165,7 @@ class BagWriter(AbstractContextManager['BagWriter', None]):
             self._file = (self._folder / _FILE).open('xb')
             # Enable the check sum of the data section, which the writer omits by default.
             mcap = Writer(self._file, compression=CompressionType.ZSTD, enable_data_crcs=True)
-            # Set a fixed name of the library. The default contains the version of the library, so
+            # Set a fixed library name, because the default contains the library version, so that
             # equal recordings would have different bytes after an update.
             mcap.start(profile='ros2', library='checkweigher')
             self._file.flush()

@@ -11,7 +11,7 @@ from typing import Any
 from checkweigher_core.records import GRAMS, Eye
 from checkweigher_recording.csv.table import CsvError, read_text
 
-_LARGEST_NUMBER = 1e15  # magnitude that the numbers in the file must not reach
+_LARGEST_NUMBER = 1e15  # exclusive upper limit of the magnitude of the numbers in the file
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,13 +27,13 @@ class EdgesFile:
 def read_edges_file(path: Path, keys: dict[Eye, str], rows: int) -> EdgesFile:
     """Read an edges file for a log that has `rows` rows.
 
-    The file is a JSON object. `keys` maps each eye to its key. The value of that key is a list of
-    pairs ``[row, level]``. The eye is blocked from that row on if the level is 1, and clear if it
-    is 0. The first pair is the state at the start of the log, and the others are edges. The rows
-    increase, and may be fractional; the levels alternate. The optional key ``sample_rate_hz``
-    contains the sample rate in Hz. The optional key ``mass_g`` contains the true mass in g, either
-    as one number for all items or as a list with one number for each item. There is one item for
-    each edge to level 1 of the infeed eye.
+    The file is a JSON object. `keys` maps each eye to its key in this object. The value of the key
+    is a list of pairs ``[row, level]``. From the row of a pair on, the eye is blocked if the level
+    is 1, and clear if the level is 0. The first pair is the state at the start of the log, and the
+    others are edges. The rows increase, and may be fractional; the levels alternate. The optional
+    key ``sample_rate_hz`` contains the sample rate in Hz. The optional key ``mass_g`` contains the
+    true mass in g, either as one number for all items or as a list with one number for each item.
+    There is one item for each edge to level 1 of the infeed eye.
 
     Raises `CsvError` if the file cannot be read or has a different form.
     """

@@ -175,7 +175,7 @@ class _Clock:
 def _clock(table: Columns, parameters: ImportParameters, content: EdgesFile | None) -> _Clock:
     """Return the sampling times of the rows, which lie on an evenly spaced grid.
 
-    If the time column shows that rows are missing, the sample index increases by more than 1.
+    If the time column shows that rows are missing, the sample index increases by more than 1 there.
 
     Raises `CsvError` if the time column is not valid, and `ParameterError` if the sample rate is
     unknown.
@@ -193,7 +193,8 @@ def _clock(table: Columns, parameters: ImportParameters, content: EdgesFile | No
     backward = np.flatnonzero(step <= 0)
     if len(backward):
         raise CsvError(f'{table.place(int(backward[0]) + 1)}: the time does not increase')
-    # Each step is rounded separately. Otherwise, small errors of the times could add up to a gap.
+    # Each step is rounded separately, because small errors of the times could otherwise add up to a
+    # gap.
     samples = np.rint(step * rate if rate else step / np.median(step)).astype(np.int64)
     double = np.flatnonzero(samples == 0)
     if len(double):

@@ -57,16 +57,16 @@ class BeltTravel:
     ) -> None:
         """Create the belt of a line.
 
-        `variation` contains the standard deviations of speed, length and spacing; the last is
-        limited so that products do not overlap. `random` supplies the random speeds and impacts,
-        and `products` supplies the random lengths and spacings; by default, `random` supplies all.
-        `next_mass` returns the mass of the next product in kg; by default, the masses of `line` are
-        used cyclically.
+        `variation` contains the standard deviations of speed, length and spacing. The standard
+        deviation of the spacing is limited so that products do not overlap. `random` supplies the
+        random speeds and impacts, and `products` supplies the random lengths and spacings; by
+        default, `random` supplies all of them. `next_mass` returns the mass of the next product in
+        kg; by default, the masses of `line` are used cyclically.
         """
         # Planned passes that have not ended, in order of entry.
         self.passes: list[Pass] = []
-        # t4 of the last product in s, or None if the pass of this product is not planned yet, or
-        # the line is endless.
+        # Time in s at which the last product leaves the belt completely, or None if the pass of
+        # this product is not planned yet, or if the line is endless.
         self.last_exit: float | None = None
         # The caller may set the attributes below. A new value takes effect in the next call of
         # `plan`; a new value of `resting` takes effect in the next call of `load` or `load_steps`.
@@ -101,7 +101,7 @@ class BeltTravel:
         self._travels = [-(line.lead_in + 1.0) * line.speed, 0.0]
 
     def plan(self, begin: float, end: float) -> list[Pass]:
-        """Remove the passes that end before `begin`, and return the new ones that begin by `end`.
+        """Remove passes that end before `begin`, and return the new passes that begin by `end`.
 
         `begin` and `end` are in s. Products that do not enter the belt, because `feed` is False,
         have no pass.

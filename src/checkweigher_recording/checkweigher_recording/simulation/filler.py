@@ -35,7 +35,7 @@ class Filler:
     def next_mass(self) -> float:
         """Return the mass of the next product on the scale in kg, at least 0.
 
-        Products are filled first, so that `delay` filled products remain before the scale.
+        The filler is always `delay` products ahead of the scale.
         """
         while len(self._on_the_way) <= self._delay:
             mass = next(self._set_points) + self._drift * self._filled + self.correction

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Family of belt scales with random properties. The profile ``machine:SEED`` selects one scale.
 
-A drawn machine has more causes of disturbance than a `Profile`. Each cause of disturbance is a
+A random machine has more causes of disturbance than a `Profile`. Each cause of disturbance is a
 field of `Machine`, and `Machine.without` removes causes. The ranges of the properties are typical
 of belt scales for products of up to a few kilograms; they are not fitted to a particular machine.
 Forces are divided by the gravitational acceleration g, so they are in kg.
@@ -112,7 +112,8 @@ class Bounce:
 
     # Standard deviations of the sine and the cosine part, per kg and speed, in s/m.
     size: float = _ratio(0.002, 0.015)
-    # Mean frequency in Hz. It varies with a standard deviation of 10 %, by at most 20 %.
+    # Mean frequency in Hz. From pass to pass, the frequency varies by at most 20 %, with a standard
+    # deviation of 10 %.
     frequency: float = _ratio(8.0, 40.0)
     decay: float = _ratio(0.02, 0.08)  # time constant in s
     power: float = _even(0.8, 1.4)  # exponent of the mass, as in `Transfer`
@@ -124,7 +125,7 @@ class Roller:
 
     diameter: float  # diameter in m
     amplitudes: tuple[float, ...]  # amplitudes by order from 1, per belt speed, in kg s/m
-    wander: float  # standard deviation in rad of the phase about a uniform rotation
+    wander: float  # standard deviation in rad of the angle from a uniform rotation
     growth: float  # relative increase of the amplitude with the load in 1/kg
     place: float  # position from -1 at the infeed to 1 at the outfeed
 
@@ -163,7 +164,7 @@ class Drift:
     """Drift of the zero."""
 
     rate: float = _sign(3e-6, 5e-5)  # drift rate in kg/s
-    wander: float = _ratio(2e-5, 2e-4)  # standard deviation in kg about a constant drift
+    wander: float = _ratio(2e-5, 2e-4)  # standard deviation in kg from a constant drift
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,8 +245,8 @@ CAUSES = tuple(field.name for field in fields(Machine))[2:]
 def machine_of(profile: str) -> Machine | None:
     """Return the machine of the profile ``machine:SEED`` or ``machine:SEED-CAUSE-CAUSE``.
 
-    The named causes are removed. Returns None for any other profile. Raises `ValueError` if the
-    seed is not a whole number, or a cause is unknown.
+    The causes of disturbance CAUSE are removed. Returns None for any other profile. Raises
+    `ValueError` if the seed is not a whole number, or a cause is unknown.
     """
     if not profile.startswith(PREFIX):
         return None

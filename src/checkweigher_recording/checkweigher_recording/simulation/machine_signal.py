@@ -66,10 +66,10 @@ def roller_force(
 ) -> Array:
     """Return the force of a roller, (n,) in kg.
 
-    `phases` contains the phase in rad of each order of the vibration. `wander` is the deviation of
-    the roller angle from a uniform rotation as a function of the belt travel in m, relative to its
-    standard deviation. `travel` is the belt travel, (n,) in m, `load` is the mass on the belt, (n,)
-    in kg, and `speed` is the belt speed in m/s.
+    `phases` contains the phase in rad of each order of the vibration. `wander` returns the
+    deviation of the roller angle from a uniform rotation at a belt travel in m, divided by the
+    standard deviation of this angle. `travel` is the belt travel, (n,) in m, `load` is the mass on
+    the belt, (n,) in kg, and `speed` is the belt speed in m/s.
     """
     angle = 2 * travel / roller.diameter + roller.wander * wander(travel)
     force = np.zeros(len(travel))
@@ -211,7 +211,7 @@ class MachineSignal:
             force += shaking
             moment += roller.place * shaking
         if joint := self._machine.joint:
-            # Travel at which the joint reaches the infeed roller for the first time.
+            # Travel in m at which the joint reaches the infeed roller for the first time.
             first = self._joint * joint.belt_length
             for end, place in ((first, -1), (first + self._weigh_length, 1)):
                 phase = ((travel - end) % joint.belt_length) / joint.width

@@ -41,7 +41,7 @@ class FloorNoise:
         self._share = math.sqrt(FLOOR_BANDWIDTH / (rate / 2))
 
     def __call__(self, steps: int) -> Array:
-        """Return the next values, (steps,)."""
+        """Return the next values of the vibration, (steps,)."""
         from scipy.signal import sosfilt
 
         white = self._random.standard_normal(steps) / self._share
@@ -53,8 +53,8 @@ class Wander:
     """Random function of one variable with mean 0 and standard deviation 1.
 
     The function is flicker noise: a sum of sines with random phases and equal power in each octave
-    of a frequency band. The distribution is approximately normal. The function has no state, so it
-    can be evaluated at any argument.
+    of a frequency band. The distribution of the values is approximately normal. The function has no
+    state, so it can be evaluated at any argument.
     """
 
     def __init__(self, random: np.random.Generator, slowest: float, fastest: float) -> None:

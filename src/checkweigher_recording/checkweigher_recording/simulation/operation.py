@@ -102,4 +102,4 @@ class OperationParameters(Parameters):
                     yield time + late + number * _FLICKER, eye, blocked ^ (number % 2 == 1)
 
 
-OPERATION = f'{OperationParameters.node}.'  # beginning of the names of these parameters
+OPERATION = f'{OperationParameters.node}.'  # prefix of the names of the operation parameters

@@ -12,16 +12,16 @@ coefficient, and f is the sum of all forces divided by g. A load at rest therefo
 equal to its mass, and lowers the natural frequency.
 
 One sample has 8 integration steps. The force is constant during a step and equals its value in the
-middle of the step. The integration is exact for such forces, so it adds no numerical damping or
-delay. The converter averages the 8 readings. The time stamp of a sample is the middle of its
-interval, so that the average has no delay.
+middle of the step. The integration is exact for forces that are constant during a step, so it adds
+no numerical damping or delay. The converter averages the 8 readings of a sample. The time stamp of
+a sample is the middle of its interval, so that the average has no delay.
 
-With a `Profile`, the forces are the weight of the load, which changes linearly while a product
-crosses an end of the belt; an impact of random sign when a product enters; vibrations of rollers
-and motor and broadband noise, which are proportional to the belt speed; and the vibration of the
-floor. The module `machine` describes the forces of a randomly drawn machine. The converter adds
-white noise, drift and quantisation, and clips the signal. The platform is at rest at the first
-sample.
+With a `Profile`, the forces are the weight of the load, an impact of random sign when a product
+enters, vibrations of rollers and motor, broadband noise, and the vibration of the floor. The weight
+changes linearly while a product crosses an end of the belt. The impact, the vibrations of rollers
+and motor, and the broadband noise are proportional to the belt speed. The module `machine`
+describes the forces of a randomly drawn machine. The converter adds white noise, drift and
+quantisation, and clips the signal. The platform is at rest at the first sample.
 """
 
 from bisect import bisect_left
@@ -102,7 +102,7 @@ PROFILES = {
 def check_profile(profile: str) -> None:
     """Raise `ParameterError` unless `profile` is the name of a profile.
 
-    The names are the keys of `PROFILES`, and those that `machine_of` accepts.
+    Valid names are the keys of `PROFILES`, and the names that `machine_of` accepts.
     """
     try:
         if machine_of(profile) is None and profile not in PROFILES:
@@ -213,7 +213,7 @@ def own_values(profile: str) -> dict[str, float]:
 
     The values are the sample rate, the sensitivity and the lengths. The caller must pass the values
     to `SimulationParameters`, which does not derive them from the profile. The dict is empty if the
-    profile is not a drawn machine.
+    profile is not a randomly drawn machine.
 
     Raises `ValueError` if the seed or a cause of the profile is not valid.
     """
@@ -350,7 +350,7 @@ class _Machine:
     def run(self, first: int, end: int) -> tuple[NDArray[np.int32], list[Pass]]:
         """Return the counts of the samples from `first` to before `end`, and the new passes.
 
-        `first` must be 0 in the first call, and `end` of the previous call in the others. If the
+        `first` must be 0 in the first call, and `end` of the previous call in later calls. If the
         line ends before `end`, there are fewer samples. The passes contain the times that the
         photo-eyes report.
         """
