@@ -158,7 +158,7 @@ class DenoiseParameters(Parameters):
 
     @cached_property
     def table(self) -> ShrinkageTable:
-        """Shrinkage table. Raises `ValueError` as described at `ShrinkageTable`."""
+        """Shrinkage table. Raises `ValueError` if the speeds or the list lengths are not valid."""
         return ShrinkageTable(
             self.speeds,
             (self.gamma5, self.gamma6, self.gamma7),
@@ -181,8 +181,8 @@ class DenoiseParameters(Parameters):
 def _cost(stretch: int, prediction_order: int, iterations: int) -> float:
     """Return the longest computing time in s of a window with at most `stretch` / 2 samples.
 
-    The coefficients were measured on one core of a computer of 2024, with blocks of one sample for
-    the extrapolation.
+    The coefficients of the formula were measured on one core of a computer of 2024, with blocks of
+    one sample for the extrapolation.
     """
     return (iterations + 1) * (2e-4 + 3e-7 * stretch + 1e-5 * prediction_order)
 
@@ -192,17 +192,18 @@ class Denoiser:
 
     The wavelet of level 7 has about 3900 samples, many more than most windows. So the result
     depends mainly on the padding around the window, which the original paper (see docs/method.md)
-    does not specify. docs/method.md also compares several kinds of padding.
+    does not specify. docs/method.md compares several kinds of padding.
 
     The padding ``continuation`` was derived in this project. The response of the platform to the
     load is subtracted from the signal. The remaining disturbance is extrapolated to both sides by
     linear prediction, the load is added as a constant, and the result is denoised. A wrong load
     would leave a step in the disturbance, so the load is estimated again from the denoised signal.
     If ``edge_uncertainty`` is above 0, t1 and t2 are corrected by a fit to the signal before the
-    response is subtracted. Finally the linear rise of the load between the t1 and t2 of the
-    photo-eyes is restored.
+    response is subtracted. Finally, the linear rise of the load between t1 and t2, as measured by
+    the photo-eyes, is restored.
 
-    `failures` handles exceptions. A window that causes an exception gets the reason StageFailed.
+    If a window causes an exception, `failures` reports it, and the window gets the reason
+    StageFailed.
     """
 
     def __init__(self, parameters: DenoiseParameters, failures: Failures = PRINTED) -> None:
@@ -212,16 +213,17 @@ class Denoiser:
     def denoise(self, window: WeighWindow) -> WeighWindow:
         """Return a window with its `denoised` signal in kg.
 
-        The denoised signal ends at t3. With the padding ``continuation`` it begins at t1, or later
-        if the previous item was still on the belt at t1, or if the padded window has no room for
-        all samples since t1. With other paddings it begins at t2. All other samples are NaN. A
+        The denoised signal ends at t3. With the padding ``continuation``, the denoised signal
+        begins at t1. The signal begins after t1 if the previous item was still on the belt at t1,
+        or if the padded window has no room for all samples since t1. With other paddings, the
+        denoised signal begins at t2. Samples before the denoised signal and after t3 are NaN. A
         window that already has reasons is returned unchanged. A window with inconsistent fields
         gets the reason BadWindow instead of a signal.
         """
         return self.denoise_all([window])[0]
 
     def denoise_all(self, windows: Sequence[WeighWindow]) -> list[WeighWindow]:
-        """Denoise many windows, with the same results to the last bit as one call for each window.
+        """Denoise many windows, with the same results to the last bit as those of `denoise`.
 
         Windows of equal shape are denoised together, in batches of limited size.
         """
@@ -252,8 +254,8 @@ class Denoiser:
 def denoise_batch(batch: WindowBatch, parameters: DenoiseParameters) -> Array:
     """Denoise windows of equal shape. The result in kg has the shape of ``batch.force``.
 
-    It is NaN before column ``batch.entry`` with the padding ``continuation``, and before column
-    ``batch.begin`` with other paddings.
+    The result is NaN before column ``batch.entry`` with the padding ``continuation``, and before
+    column ``batch.begin`` with other paddings.
     """
     begin = batch.begin
     result = np.full(batch.force.shape, math.nan)

@@ -3,18 +3,18 @@
 r"""Correction of the times t1 and t2 at which a product enters, by a fit to the signal.
 
 Polled photo-eyes measure t1 and t2 with an error of about a millisecond. If the load is removed
-from the signal at a wrong time, a hump as long as the rise of the load remains. A low-pass filter
-cannot distinguish this hump from a load. But the shape of the hump is known, so its size can be
-fitted to the signal (own derivation):
+from the signal at a wrong time, an error as long as the rise of the load remains. A low-pass filter
+cannot distinguish the error due to a wrong time from a load. But the shape of the error is known,
+so the size of the error can be fitted to the signal (own derivation):
 
 .. math:: y - M r = m\, r + M \delta_1 \frac{\partial r}{\partial t_1}
    + M \delta_2 \frac{\partial r}{\partial t_2} + n,\quad \delta_i \sim N(0, u^2 / 3)
 
 y is the signal, r the response of the platform to a load of 1, M the approximate load, m the
 unknown true load minus M, and n the disturbance. delta_1 and delta_2 are the true values of t1 and
-t2 minus the values measured by the photo-eyes. Their variance u^2 / 3 is that of an error that is
-uniformly distributed between -u and u, where u is the largest error of the photo-eyes. All signals
-of the fit are block means. A prediction-error filter makes n white.
+t2 minus the values measured by the photo-eyes. The variance u^2 / 3 of delta_1 and delta_2 is the
+variance of a uniform distribution between -u and u, where u is the largest error of the photo-eyes.
+All signals of the fit are block means. A prediction-error filter makes the disturbance n white.
 """
 
 import math
@@ -28,18 +28,18 @@ from checkweigher_dsp.signal import Array
 
 # Minimum number of filtered samples for the fit of the unknowns m, delta_1 and delta_2.
 _LEAST_SAMPLES = 8
-# Number of rounds of the fit. The variance of n is estimated from the whole signal in the first
-# round, and from the residual in the second round.
+# Number of rounds of the fit. The variance of the disturbance n is estimated from the whole signal
+# y - M r in the first round, and from the residual of the fit in the second round.
 _ROUNDS = 2
 _FURTHEST = 2.0  # largest shift of an edge as a multiple of its uncertainty
 
 
 class EntryFit:
-    """Fit of t1 and t2 of each product of a batch to the signal of its window.
+    """Fit of the times t1 and t2 to the signal of each window of a batch.
 
-    `uncertainty` u, above 0, is the largest error of t1 and t2 in s. `level`, (windows, 1), is M in
-    kg. The natural frequency in Hz and the damping ratio, (windows, 1), are those of the platform
-    with the load.
+    `uncertainty` u, above 0, is the largest error of t1 and t2 in s. `level`, (windows, 1), is the
+    approximate load M in kg. The natural frequency in Hz and the damping ratio, (windows, 1), are
+    those of the platform with the load.
     """
 
     def __init__(
@@ -85,10 +85,10 @@ class EntryFit:
     def shift(self, taps: Array | None) -> Array:
         """Estimate the corrections delta_1 of t1 and delta_2 of t2 in s, (windows, 2).
 
-        An estimate is limited to twice the uncertainty. It is 0 if there are too few block means or
-        the signal does not determine it. `taps`, (windows, p + 1), are prediction-error filters for
-        the block means of the disturbance. If `taps` is None or p is 0, filters for a platform
-        under white-noise forces are used.
+        The estimates are limited to twice the uncertainty u. Both corrections are 0 if there are
+        too few block means, or if the signal does not determine them. `taps`, (windows, p + 1), are
+        prediction-error filters for the block means of the disturbance. If `taps` is None or p is
+        0, filters for a platform under white-noise forces are used.
         """
         shift = np.zeros((len(self._rows), 2))
         filters = self._platform_taps if taps is None or taps.shape[-1] == 1 else taps
@@ -122,8 +122,8 @@ def platform_taps(interval: Array, natural_frequency: Array, damping_ratio: Arra
 def _fit(white: Array, uncertainty: float) -> tuple[float, float]:
     """Estimate delta_1 and delta_2 in s, which are 0 if the signal does not determine them.
 
-    The rows of `white`, (4, n), are r, y - M r, and the derivatives of M r with respect to t1 and
-    t2. All of them are filtered, so that n is white. `uncertainty` is u in s.
+    The rows of `white`, (4, count), are r, y - M r, and the derivatives of M r with respect to t1
+    and t2. All rows are filtered, so that the disturbance n is white. `uncertainty` is u in s.
     """
     # Use floats, because arithmetic on arrays of two numbers takes many times as long.
     (size, *shares), (_, power, *seen), (_, _, *first), (*_, last) = white.dot(white.T).tolist()

@@ -3,10 +3,10 @@
 """Extrapolation of a disturbance beyond the ends of a signal by linear prediction.
 
 The disturbance of the signal consists mainly of spectral lines, caused by the rollers, the motor
-and the oscillation of the platform. The lines continue before and after the known samples, so that
-an autoregressive model of the samples predicts them. The model describes block means at the rate
-`PREDICTION_RATE`, because the denoising keeps only the lowest bands of the signal. At this rate, a
-model of some tens of coefficients spans the period of a slow spectral line.
+and the oscillation of the platform. The spectral lines continue before and after the known samples,
+so an autoregressive model of the samples predicts them. The model describes block means at the rate
+`PREDICTION_RATE`, because the denoising keeps only the lowest bands of the signal. At the rate
+`PREDICTION_RATE`, a model of some tens of coefficients spans the period of a slow spectral line.
 """
 
 import numpy as np
@@ -24,8 +24,8 @@ def extrapolate(
 ) -> tuple[Array, Array]:
     """Extrapolate disturbances to both sides.
 
-    The models are fitted by Burg's method. They are stable, so the extrapolation does not grow. The
-    same model is used forward and backward in time (own derivation).
+    The autoregressive models are fitted by Burg's method, so they are stable, and the extrapolation
+    does not grow. The same model is used forward and backward in time (own derivation).
 
     Parameters
     ----------
@@ -59,8 +59,9 @@ def extrapolate(
     order = min(order, count // block // _LEAST_RATIO)
     if order < 1:
         return result, np.ones((windows, 1))
-    # For the left side, use a copy that is reversed in time. Blocks are counted from the end of a
-    # signal, so without the reversal there might be samples between the left end and the blocks.
+    # For the left side, use a copy of the signals that is reversed in time. Blocks are counted from
+    # the end of a signal, so without the reversal there might be samples between the left end and
+    # the blocks.
     means = block_means(np.stack([disturbances, disturbances[:, ::-1]], axis=1), block)
     taps = np.array([burg(signal, order)[0] for signal in means[:, 0]])
     predicted = predict(means, taps, max(before, after) // block + 2)
@@ -121,8 +122,9 @@ def predict(signals: Array, taps: Array, count: int) -> Array:
 def _twice_as_far(weights: Array) -> Array:
     """Return the weights (windows, 2 n, p) that predict 2 n samples from the last p samples.
 
-    The given weights (windows, n, p) predict n samples. The second half is predicted by the same
-    weights from the last p - n samples and the n predicted samples of the first half.
+    The given weights (windows, n, p) predict n samples. The second half of the 2 n samples is
+    predicted by the same weights from the last p - n samples and the n predicted samples of the
+    first half.
     """
     width, order = weights.shape[1:]
     further = weights[..., order - width :] @ weights
@@ -136,8 +138,9 @@ def _between_centres(means: Array, block: int) -> Array:
     The values at the centres are `means`, (..., blocks). The result ends with the last sample
     before the last centre.
     """
-    # Distances of the samples from the centre before them, as fractions of the distance between two
-    # centres. The centre of a block with an even number of samples is between two samples.
+    # Distances of the samples from the block centre before them, as fractions of the distance
+    # between two centres. The centre of a block with an even number of samples is between two
+    # samples.
     share = (np.arange(block) + (block - 1) / 2 % 1) / block
     samples = means[..., :-1, np.newaxis] + np.diff(means)[..., np.newaxis] * share
     return samples.reshape(*means.shape[:-1], -1)[..., 1 + (block - 1) // 2 :]

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""Load on the belt while a product enters, and the response of the platform to it.
 
-Between t1 and t2 a product moves onto the belt at constant speed. So the fraction of its weight on
-the belt rises linearly from 0 to 1. The platform responds to this rise with ringing.
+Between t1 and t2 a product moves onto the belt at constant speed, so the fraction of the product
+that is on the belt rises linearly from 0 to 1. The platform responds to the rise of the load with
+ringing.
 """
 
 from typing import Any

@@ -32,7 +32,7 @@ class ShrinkageTable:
 
     def __post_init__(self) -> None:
         if not self.speeds or any(a >= b for a, b in pairwise(self.speeds)):
-            raise ValueError('at least one is needed, in increasing order')
+            raise ValueError('at least one speed is needed, in increasing order')
         for row in (*self.gains, *self.thresholds):
             if len(row) != len(self.speeds):
                 raise ValueError(
@@ -43,11 +43,11 @@ class ShrinkageTable:
     def at(self, speed: Any, unit: float) -> tuple[Shrinkage | None, ...]:
         """Return the shrinkage of bands 1 to 7 at a belt speed, with None for each removed band.
 
-        A band whose gains in the table are all 0 is also removed. Gains and thresholds are
-        interpolated linearly between the speeds of the table, and constant beyond them. They have
-        the shape of `speed`, the belt speed in m/s as a float or (windows, 1). But the threshold of
-        a band is the float 0 if its thresholds in the table are all 0. `unit` is the unit of the
-        thresholds in the table, as a multiple of the unit of the signal.
+        A band is also removed if all its gains in the table are 0. Gains and thresholds are
+        interpolated linearly between the speeds of the table, and constant beyond them. Gains and
+        thresholds have the shape of `speed`, the belt speed in m/s as a float or (windows, 1). But
+        a threshold is the float 0 if all thresholds of its band in the table are 0. `unit` is the
+        unit of the thresholds in the table, as a multiple of the unit of the signal.
 
         Examples
         --------
@@ -80,9 +80,10 @@ TABLE_1 = ShrinkageTable(
     ),
 )
 
-# These gains were tuned on a simulated machine like that of Long et al., with an extrapolated
-# disturbance as padding. The gain of band 7 increases with the belt speed, because the windows
-# become shorter. Thresholds brought no improvement; docs/method.md contains the results.
+# The gains of `UNTRAINED` were tuned on a simulated machine like the machine of Long et al., with
+# an extrapolated disturbance as padding. The gain of band 7 increases with the belt speed, because
+# the windows become shorter. Thresholds brought no improvement; docs/method.md contains the
+# results.
 UNTRAINED = ShrinkageTable(
     speeds=TABLE_1.speeds,
     gains=((0.0,) * 5, (0.0,) * 5, (0.1, 0.25, 0.5, 0.8, 1.0)),

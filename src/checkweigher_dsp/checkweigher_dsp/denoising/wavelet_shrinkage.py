@@ -30,7 +30,7 @@ class Shrinkage:
     """Gain and threshold of one detail band.
 
     The gain gamma and the threshold lambda are floats or (windows, 1). The threshold is in the unit
-    of the signal, for coefficients that are scaled as by ``pywt.swt(norm=False)``. A band whose
+    of the signal, for coefficients with the scale of ``pywt.swt(norm=False)``. A band whose
     threshold is the float 0 needs no transform.
     """
 
@@ -66,10 +66,10 @@ def band_responses(length: int) -> NDArray[np.complex128]:
     r"""Return the frequency responses of the SWT bands for a periodic signal of `length` samples.
 
     The length is a multiple of ``2**LEVELS``. The read-only result has the shape (LEVELS + 1,
-    length // 2 + 1). Its rows belong to the details 1 to `LEVELS` and to the approximation. The
-    filters of level j are those of level 1 with :math:`2^{j-1} - 1` zeros between their taps
-    (algorithme a trous). With the Fourier transforms H of the low-pass filter and G of the
-    high-pass filter of an orthogonal wavelet, the responses of the details are
+    length // 2 + 1). The rows of the result belong to the details 1 to `LEVELS` and to the
+    approximation. The filters of level j are those of level 1 with :math:`2^{j-1} - 1` zeros
+    between their taps (algorithme a trous). With the Fourier transforms H of the low-pass filter
+    and G of the high-pass filter of an orthogonal wavelet, the responses of the details are
 
     .. math:: W_{d_j}(f) = G(2^{j-1} f) \prod_{i<j} H(2^{i-1} f)
 
@@ -105,14 +105,14 @@ def _circular_transform(taps: Sequence[float], length: int) -> NDArray[np.comple
 
 @lru_cache(maxsize=8)
 def _syntheses(length: int) -> tuple[NDArray[np.complex128], Array]:
-    """Return the frequency responses of the inverse SWT, and those of SWT and inverse together.
+    """Return the frequency responses of the inverse SWT, and of the SWT followed by its inverse.
 
     Both arrays have the shape of the result of `band_responses`, with a row for each band. The
-    responses of SWT and inverse together are real.
+    responses of the SWT followed by its inverse are real.
     """
     responses = band_responses(length)
-    # The inverse is the average over the 2**j shifted bases of level j. So the responses are
-    # divided by powers of two.
+    # The inverse SWT averages over the 2**j shifted bases of level j, so its responses are divided
+    # by powers of two.
     scales = 2.0 ** -np.array([*range(1, LEVELS + 1), LEVELS])
     syntheses = responses.conj() * scales[:, None]
     powers = (responses * syntheses).real
@@ -175,18 +175,18 @@ def threshold_universally(
 ) -> Array:
     r"""Denoise periodic signals by hard or soft thresholding of all details.
 
-    This standard method allows for a comparison with the shrinkage by `denoise_periodic`.
+    This standard method is a reference for the shrinkage by `denoise_periodic`.
 
     The universal threshold is :math:`\lambda = \sigma \sqrt{2 \ln n}` with
     :math:`\sigma = \operatorname{med}(|d|) / 0.6745`, where d are the coefficients of a detail
-    band. Coefficients whose magnitude is below the threshold are set to 0. A soft threshold (STF)
-    reduces the magnitude of the other coefficients by lambda, and a hard threshold (HTF) leaves
-    them unchanged.
+    band, and n is the number of samples. Coefficients whose magnitude is below the threshold are
+    set to 0. A soft threshold (STF) reduces the magnitude of the other coefficients by lambda, and
+    a hard threshold (HTF) leaves them unchanged.
 
-    sigma and n are computed from the part `measured` of the signal, because the padding around it
-    contains no noise. With `each_level`, sigma is computed for each level, for noise that is not
-    white. Otherwise the sigma of level 1 is used for all levels. See `denoise_periodic` for
-    `stretch` and for the result.
+    The padding contains no noise, so sigma and n are determined only from the part `measured` of
+    the signal. With `each_level`, sigma is computed for each level, for noise that is not white.
+    Otherwise the sigma of level 1 is used for all levels. See `denoise_periodic` for `stretch` and
+    for the result.
 
     References
     ----------
@@ -209,8 +209,8 @@ def threshold_universally(
     for band in range(LEVELS):
         coefficients = np.fft.irfft(spectrum * responses[band], length)
         if each_level or band == 0:
-            # Undo the delay by the causal filters of a level, because `measured` refers to the time
-            # of the signal. The delay is half the total length of these filters.
+            # Undo the delay of the causal filters of a level, because `measured` refers to the time
+            # of the signal. The delay is half the total length of the filters.
             centre = taps // 2 * (2 ** (band + 1) - 1)
             centred = np.roll(coefficients, -centre, axis=-1)
             threshold = factor * np.median(np.abs(centred[..., measured]), axis=-1, keepdims=True)

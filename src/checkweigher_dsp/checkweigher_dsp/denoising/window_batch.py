@@ -93,7 +93,8 @@ def _in_parts(
 def padded_length(min_length: int, count: int) -> int:
     """Return the length to which a window of `count` samples is padded.
 
-    It is the smallest multiple of 128 that is at least `min_length` and at least twice `count`.
+    The length is the smallest multiple of 128 that is at least `min_length` and at least twice
+    `count`.
     """
     return _PERIOD * math.ceil(max(min_length, 2 * count) / _PERIOD)
 
@@ -102,7 +103,7 @@ def _used_time(window: WeighWindow, min_length: int) -> tuple[int, Array]:
     """Return the number of used samples before t2, and the times since t1 of all used samples in s.
 
     Samples before t2 are used if they are after the exit of the previous item and fit into the
-    padding. Their number is rounded down to a multiple of `_LEAD_STEP`.
+    padding. The number of used samples before t2 is rounded down to a multiple of `_LEAD_STEP`.
     """
     begin, count = window.window_begin, window.window_end - window.window_begin
     room = (padded_length(min_length, count) - count) // 2
@@ -129,8 +130,8 @@ def time_since_entry(window: WeighWindow, begin: int = 0, end: int | None = None
     """Return the time since t1 in s of the samples with positions in [begin, end).
 
     If `end` is None, all samples from position `begin` on are included. The sample at
-    ``window_begin`` is assumed to be within one sampling interval after t2, even if its stamp is
-    wrong.
+    ``window_begin`` is assumed to be within one sampling interval after t2, even if the stamp of
+    the window is wrong.
     """
     first, interval = window.window_begin, 1 / window.sample_rate
     after = first * interval - ((window.t2 or 0) - window.stamp) / NANOSECONDS
@@ -142,7 +143,8 @@ def time_since_entry(window: WeighWindow, begin: int = 0, end: int | None = None
 def denoised_pass(window: WeighWindow) -> tuple[Array, Array]:
     """Return the denoised signal of a window in kg and the fraction of the product on the belt.
 
-    Both have the shape (n,), from the first denoised sample up to t3. The fraction is 1 after t2.
+    Both arrays, (n,), extend from the first denoised sample to the last sample before t3. The
+    fraction is 1 after t2.
     """
     begin, end = window.window_begin, window.window_end
     missing = int(np.count_nonzero(np.isnan(window.denoised[:begin])))

@@ -105,7 +105,9 @@ class EstimatorParameters(Parameters):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not self.speeds or any(a >= b for a, b in pairwise(self.speeds)):
-            raise ParameterError(f'{self.node}.speeds: at least one is needed, in increasing order')
+            raise ParameterError(
+                f'{self.node}.speeds: at least one speed is needed, in increasing order'
+            )
         for entry in fields(self):
             values = getattr(self, entry.name)
             if not isinstance(values, tuple) or (entry.name in _LATER and len(values) == 1):
