@@ -67,7 +67,7 @@ def band_responses(length: int) -> NDArray[np.complex128]:
 
     The length is a multiple of ``2**LEVELS``. The read-only result has the shape (LEVELS + 1,
     length // 2 + 1). The rows of the result belong to the details 1 to `LEVELS` and to the
-    approximation. The filters of level j are those of level 1 with :math:`2^{j-1} - 1` zeros
+    approximation. The filters of level j are the filters of level 1 with :math:`2^{j-1} - 1` zeros
     between their taps (algorithme a trous). With the Fourier transforms H of the low-pass filter
     and G of the high-pass filter of an orthogonal wavelet, the responses of the details are
 

@@ -62,8 +62,8 @@ class _OwnParameters(Parameters):
 def _with_sets(base: Any, estimators: Mapping[str, type[Estimator]]) -> Any:
     """Return a subclass of a parameter class, with one more field for each of the estimators.
 
-    Each of these fields has the name of an estimator, and by default contains its default
-    parameters. The return type is Any, because a type checker does not see these fields.
+    Each added field has the name of an estimator, and by default contains the default parameters of
+    this estimator. The return type is Any, because a type checker does not see the added fields.
     """
     sets = [
         (name, type(each.parameters), field(default=each.parameters))
@@ -125,10 +125,10 @@ class Identifier:
     """Stage that estimates the mass of each item from its weigh window.
 
     With `IdentifierParameters.learn`, the stage learns weights from each weighed window, and uses
-    them for later windows if they are more precise than the estimator. `known` is the learned state
-    of an earlier process. It is ignored if it belongs to another estimator or to other parameters.
-    `failures` handles exceptions. An item whose window causes an exception gets no mass, with the
-    reason StageFailed.
+    them for later windows if they are more precise than the estimator. `known`, the learned state
+    of an earlier process, is ignored if it belongs to another estimator or to other parameters. If
+    a window causes an exception, `failures` reports it, and the item gets no mass, with the reason
+    StageFailed.
 
     Examples
     --------
@@ -179,8 +179,8 @@ class Identifier:
     def learn(self) -> None:
         """Learn from the last weighed window, if the stage has not learned from it yet.
 
-        Without this call, the stage learns from it when it weighs the next window, so that the next
-        mass is delayed.
+        Without this call, the stage learns from the last window when it weighs the next one, which
+        delays the next mass.
         """
         lesson, self._lesson = self._lesson, None
         if lesson is not None:
@@ -214,8 +214,8 @@ class Identifier:
             return estimate
         if not self._known.calibrated:
             # The learned weights are scaled to the loads that the untrained estimator found. So an
-            # error of the gain of this estimator is also an error of the learned weights. Add the
-            # variance of the estimator, because it allows for this error.
+            # error of the gain of the untrained estimator is also an error of the learned weights.
+            # Add the variance of the estimator to allow for an error of the gain.
             better = replace(better, variance=better.variance + load.variance)
         learned = self._estimate(window, better)
         return estimate if learned.reasons else learned

@@ -1,29 +1,30 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-r"""Check by the noise of a signal whether a working analogue-to-digital converter can produce it.
+r"""Check whether the noise of a signal can come from a working analogue-to-digital converter.
 
 Apart from impacts, platform and product add only smooth components to a signal. Above a quarter of
 the sample rate, the signal contains mainly the white noise of the electronics, which does not
-depend on the load. A high-pass filter, scaled to keep the variance of white noise, separates this
-noise. If the converter works, the filtered signal e and the readings, which are the counts of the
-converter, have four properties (own derivation):
+depend on the load. A high-pass filter, scaled to keep the variance of white noise, separates the
+white noise from the signal. If the converter works, the filtered signal e and the readings, which
+are the counts of the converter, have four properties (own derivation):
 
-- The variance of e under a load, from t2 to t3, is not below that on the empty belt. The ratio
-  of the variances has approximately an F distribution. Because the samples of e are correlated,
-  each of them counts as 1 / sum r_k^2 degrees of freedom. r_k is the correlation of e at lag k,
-  and the sum includes lag 0 and negative lags. If the signal is white noise, the value is 0.48.
+- The variance of e under a load, from t2 to t3, is at least as large as on the empty belt. The
+  ratio of the variances has approximately an F distribution. Because the samples of e are
+  correlated, each sample counts as 1 / sum r_k^2 degrees of freedom. r_k is the correlation of e at
+  lag k, and the sum includes lag 0 and negative lags. If the signal is white noise, each sample
+  counts as 0.48 degrees of freedom.
 - From t1 to t3, the magnitude of e is not larger than noise and product explain. A larger magnitude
   shows a step of the signal that has another cause. The product causes an impact in proportion to
   load and speed, and a change of the slope at t1, t2 and t3.
-- The readings do not repeat. If the standard deviation of the white noise is s counts, no
-  prediction of a reading is right with a probability above p = erf(1 / (s sqrt 8)). So the
+- The readings do not repeat. If the standard deviation of the white noise is s counts, a
+  prediction of a reading is right with a probability of at most p = erf(1 / (s sqrt 8)). So the
   probability that a sequence of w readings occurs twice among N readings is at most N^2 p^w / 2.
 - The readings are seldom constant. Of n blocks of w readings, at most m = n p^(w-1) are expected to
   be constant. By the Chernoff bound, the probability of k or more constant blocks is at most
   (m / k)^k exp(k - m) for k > m. If this bound is very small, the signal repeatedly reaches a limit
   of the converter.
 
-Rounding hides noise below 0.3 counts. If the noise is below this limit, or if there are too few
+Rounding hides noise below 0.3 counts. If the noise is below 0.3 counts, or if there are too few
 samples of the empty belt, only the steps are checked. If a quarter of the samples of e are 0, the
 noise is too small to be measured, and nothing is checked.
 """
@@ -39,7 +40,8 @@ from checkweigher_dsp.denoising.window_batch import time_since_entry
 from checkweigher_dsp.signal import Array
 
 # The filter is a seventh difference, equalised above a quarter of the sample rate. At 1/20 of the
-# sample rate, where a platform may ring, it multiplies the amplitude of an oscillation by 4e-5.
+# sample rate, where a platform may ring, the filter multiplies the amplitude of an oscillation by
+# 4e-5.
 _FILTER: NDArray[np.int64] = reduce(np.convolve, [np.array([1, -1])] * 7 + [np.array([5, 2])] * 3)
 _EDGE = len(_FILTER) - 1  # number of samples by which the filter shortens a signal
 _GAIN = math.sqrt(_FILTER @ _FILTER)
@@ -130,7 +132,8 @@ def _is_calmer(level: Array, empty: Array) -> bool:
 def _stands_still(level: NDArray[np.int64], predicted: float) -> bool:
     """Return whether more blocks of readings are constant than chance explains.
 
-    `level` contains the readings from t2 to t3, and `predicted` is the probability p.
+    `level` contains the readings from t2 to t3, and `predicted` is p, the largest probability of
+    predicting a reading.
     """
     for width in _BLOCKS:
         blocks = level[: len(level) // width * width].reshape(-1, width)
@@ -145,7 +148,7 @@ def _stands_still(level: NDArray[np.int64], predicted: float) -> bool:
 def _is_repeated(counts: NDArray[np.int64], predicted: float) -> bool:
     """Return whether a sequence of readings that is too long to repeat by chance occurs twice.
 
-    `predicted` is the probability p.
+    `predicted` is p, the largest probability of predicting a reading.
     """
     length = math.ceil(math.log(2 * _CHANCE / len(counts) ** 2) / math.log(predicted))
     if length >= len(counts):
@@ -158,7 +161,7 @@ def _is_repeated(counts: NDArray[np.int64], predicted: float) -> bool:
 def _factors(length: int) -> NDArray[np.int64]:
     """Return the factors, (length,), of a hash of `length` readings.
 
-    The hash is the sum of the readings multiplied by these factors, which are random, but always
-    the same for a length.
+    The hash is the sum of the readings multiplied by the factors. The factors are pseudorandom, and
+    depend only on `length`.
     """
     return np.random.Generator(np.random.PCG64(length)).integers(-(2**62), 2**62, length)

@@ -59,7 +59,7 @@ class LineParameters:
                 raise in_section(error, sections) from None
 
     def with_values(self, changes: Mapping[str, object]) -> Self:
-        """Return a copy with changed values by parameter name, such as ``denoise.stretch``.
+        """Return a copy with the values in `changes`, by names such as ``denoise.stretch``.
 
         Raises
         ------
@@ -122,7 +122,7 @@ class WeighingLine:
         return self._judge(self._with_announced(self._segmenter.finish()))
 
     def weigh_all(self, events: Iterable[SampleBlock | EyeEdge]) -> Iterator[Weighing]:
-        """Yield the items of a whole stream. This is faster than `add`, with the same results."""
+        """Yield the items of a whole stream, with the same results as `add` but faster."""
         steps: list[Item | WeighWindow] = []
         samples = 0
         for event in events:

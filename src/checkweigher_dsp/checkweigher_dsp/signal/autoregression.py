@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""Autoregressive (AR) models of a disturbance, :math:`\sum_{i=0}^{p} c_i e(k-i) = w(k)`, c_0 = 1.
 
-The coefficients c are also the taps of the prediction-error filter. This filter converts the
-disturbance e to the innovation w, which is white noise.
+The coefficients c are also the taps of the prediction-error filter, which converts the disturbance
+e to white noise, the innovation w.
 """
 
 from collections.abc import Iterable
@@ -65,7 +65,7 @@ def burg(signal: Array, order: int) -> tuple[Array, Array]:
     """
     count = len(signal)
     # The first half of the array contains the forward errors f(n), and the second half the backward
-    # errors b(n - 1). Each half ends with an impulse.
+    # errors b(n - 1). In each half, the errors are followed by zeros, an impulse, and zeros.
     size = count + 2 * order
     errors = np.zeros(2 * size)
     errors[: count - 1] = signal[1:]

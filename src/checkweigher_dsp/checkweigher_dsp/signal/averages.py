@@ -88,10 +88,10 @@ class RunningMoments:
 
     @property
     def mean(self) -> float:
-        """Mean, or NaN without values."""
+        """Mean of the added values, or NaN without values."""
         return self._mean if self.count else math.nan
 
     @property
     def std_dev(self) -> float:
-        """Standard deviation, or NaN for fewer than two values."""
+        """Standard deviation of the added values, or NaN for fewer than two values."""
         return math.sqrt(self._squares / (self.count - 1)) if self.count > 1 else math.nan

@@ -160,10 +160,11 @@ _State = tuple[Any, ...]
 def _filter(
     state: _State, samples: Iterable[Any], inputs: Iterable[Any], measurement: Iterable[Any], q: Any
 ) -> _State:
-    """Return the filter state after all samples. Its elements are floats or arrays, (windows,).
+    """Return the filter state after all samples.
 
-    `inputs` and `measurement` contain u and R for each sample, and may be longer than `samples`.
-    The variance `q` of x is the only element of Q that is not 0.
+    The elements of the state are floats or arrays, (windows,). `inputs` and `measurement` contain u
+    and R for each sample, and may be longer than `samples`. The variance `q` of x is the only
+    element of Q that is not 0.
     """
     x, y, a1, a2, b = state[:5]
     p11, p12, p13, p14, p15, p22, p23, p24, p25, p33, p34, p35, p44, p45, p55 = state[5:]
@@ -177,8 +178,8 @@ def _filter(
         g5 = u * p55 - a1 * p15 - a2 * p25 - x * p35 - y * p45
         g0 = u * g5 - a1 * g1 - a2 * g2 - x * g3 - y * g4 + q
         x, y = u * b - a1 * x - a2 * y, x
-        # Update X + K (Z - C X) and P - K C P by the gain K = P C' / (C P C' + R), where P C' is
-        # (g0, g1, g3, g4, g5).
+        # Update the state to X + K (Z - C X) and the covariance to P - K C P. The gain is
+        # K = P C' / (C P C' + R), where P C' is (g0, g1, g3, g4, g5).
         f = 1.0 / (g0 + r)
         e = f * (z - x)
         x = x + g0 * e
@@ -221,9 +222,9 @@ def _identified(state: _State) -> tuple[Any, ...]:
 def platform_poles(a1: float, a2: float, sample_rate: float) -> tuple[float, float]:
     r"""Return the natural frequency in Hz and the damping ratio of an identified platform.
 
-    Both are NaN unless the poles are a stable complex pair :math:`e^{(-\xi \pm j \sqrt{1 - \xi^2})
-    \omega_n T}`, where T is the sampling interval. The coefficients are then
-    :math:`a_1 = -2 e^{-\xi \omega_n T} \cos(\omega_n \sqrt{1 - \xi^2} T)` and
+    Both results are NaN unless the poles are a stable complex pair
+    :math:`e^{(-\xi \pm j \sqrt{1 - \xi^2}) \omega_n T}`, where T is the sampling interval. The
+    coefficients are then :math:`a_1 = -2 e^{-\xi \omega_n T} \cos(\omega_n \sqrt{1 - \xi^2} T)` and
     :math:`a_2 = e^{-2 \xi \omega_n T}`.
 
     Examples
@@ -243,6 +244,6 @@ def platform_poles(a1: float, a2: float, sample_rate: float) -> tuple[float, flo
 def is_stable(a1: Any, a2: Any) -> Any:
     """Return whether both poles of a platform are inside the unit circle.
 
-    `a1` and `a2` are floats or arrays. The result is False where one of them is NaN.
+    `a1` and `a2` are floats or arrays. The result is False where `a1` or `a2` is NaN.
     """
     return (abs(a2) < 1) & (abs(a1) < 1 + a2)

@@ -8,8 +8,8 @@ frequency and xi the damping ratio of the empty platform, the reading y in kg ob
 .. math:: \ddot y = s w^2 (f - y) - 2 s \xi w \dot y,   s = m_0 / (m_0 + m(t))
 
 where m0 is the moving mass, m(t) the load and f(t) the force divided by g. The load increases
-linearly while the product enters. The moving mass is approximated by steps, because while it is
-constant the response to a linear force has a closed form (own derivation). So the response is
+linearly while the product enters. The moving mass is approximated by steps, because the response to
+a linear force has a closed form while the mass is constant (own derivation). So the response is
 computed without numerical integration.
 """
 
@@ -49,15 +49,15 @@ class Crossing:
 
 
 def responses(platform: Platform, mass: float, crossing: Crossing, time: Array) -> Array:
-    """Return five responses, (5, n). The signal of a pass is a linear combination of them.
+    """Return five responses, (5, n), whose linear combination is the signal of a pass.
 
     `mass` is the mass of the product in kg. `time`, (n,) in s, ascends and begins no later than
-    ``on_end``. The first row is the response to the load of the product, divided by its mass. The
-    other rows are free oscillations. Rows 2 and 3 begin at ``time[0]``. Row 2 begins with value 1
-    and slope 0, and row 3 with value 0 and a slope equal to the angular natural frequency. These
-    values are approximate if ``time[0]`` is after ``on_begin``, because the loaded platform
-    oscillates more slowly. Rows 4 and 5 begin in the same way at ``on_begin``. They describe the
-    oscillation after a short impact at entry.
+    ``on_end``. The first row is the response to the load of the product, divided by its mass. Rows
+    2 to 5 are free oscillations. Rows 2 and 3 begin at ``time[0]``. Row 2 begins with value 1 and
+    slope 0, and row 3 with value 0 and a slope equal to the angular natural frequency. The initial
+    values of rows 2 and 3 are approximate if ``time[0]`` is after ``on_begin``, because the loaded
+    platform oscillates more slowly. Rows 4 and 5 begin in the same way at ``on_begin``, and
+    describe the oscillation after a short impact at entry.
 
     Examples
     --------
@@ -112,9 +112,9 @@ def _stairs(platform: Platform, mass: float, crossing: Crossing) -> list[tuple[f
     """Return the solution on each segment of constant moving mass after the entry begins.
 
     A solution contains the beginning of the segment in s, its decay rate and its damped angular
-    frequency, and the constant and the rate of the forced response. It also contains the cosine and
-    sine coefficients of three responses: the response to the load, and the free oscillations that
-    begin at the entry with value 1 and with slope omega.
+    frequency, and the constant and the rate of the forced response. A solution also contains the
+    cosine and sine coefficients of three responses: the response to the load, and the free
+    oscillations that begin at the entry with value 1 and with slope omega.
     """
     omega = 2 * math.pi * platform.natural_frequency
     value, slope, free, free_slope, kicked, kicked_slope = 0.0, 0.0, 1.0, 0.0, 0.0, omega

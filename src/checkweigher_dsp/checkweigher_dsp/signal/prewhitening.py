@@ -4,10 +4,10 @@ r"""Prewhitening of coloured noise, so that least-squares estimates have the sma
 
 The noise is described by the reflection coefficients of an autoregressive model. Coefficients
 between -1 and 1 always give a stable model, so they can be interpolated between two belt speeds.
-The prediction-error filter of the model converts the noise to white noise. The first samples have
-fewer predecessors than the order of the model. They are predicted by the models of lower order in
-the Levinson recursion, so that no sample is lost. The whole filter is the exact inverse of the
-Cholesky factor of the covariance matrix of the noise.
+The prediction-error filter of the model converts the noise to white noise. The first samples, which
+have fewer predecessors than the order of the model, are predicted by the models of lower order in
+the Levinson recursion. So no sample is lost. The whole filter is the exact inverse of the Cholesky
+factor of the covariance matrix of the noise.
 """
 
 from collections.abc import Sequence
@@ -63,7 +63,7 @@ class Prewhitener:
         return result
 
     def whiten_again(self, signals: Array, whitened: Array, begin: int) -> None:
-        """Update `whitened`, (..., n), for `signals`, (..., n), which changed from `begin` on.
+        """Update `whitened`, (..., n), after `signals`, (..., n), changed from position `begin` on.
 
         The samples of `signals` before position `begin` must be those from which `whitened` was
         computed.

@@ -3,22 +3,22 @@
 r"""Lag of the signal behind the edges of the photo-eyes, measured on the rise of the load.
 
 Between t1 and t2 a product moves onto the belt. A linear system of unity gain, such as the platform
-or an amplifier, delays the rise of the load by its group delay at frequency 0. Apart from this
-delay, the system does not change the area under the signal. A clock offset has the same effect. Let
-y be the signal, which is z on the empty belt and z + M under the full load. Let s be the fraction
-of the product on the belt according to the photo-eyes. Then the lag l satisfies this equation (own
-derivation):
+or an amplifier, delays the rise of the load by its group delay at frequency 0. Apart from the
+delay, a linear system of unity gain does not change the area under the signal. An offset between
+the clocks of the signal and of the photo-eyes has the same effect as a delay. Let y be the signal,
+which is z on the empty belt and z + M under the full load. Let s be the fraction of the product on
+the belt according to the photo-eyes. Then the lag l satisfies this equation (own derivation):
 
 .. math:: l = \frac{1}{M} \int a(t) \, \big(z + M s(t - l) - y(t)\big) \, dt + l
 
 where a is 1 during the rise and falls smoothly to 0 before and after it, so that ringing averages
 out. z and z + M are Hann-weighted means of the signal of the empty belt and of the signal under the
-full load. No other property of the platform is assumed.
+full load. The platform is assumed only to be linear, with unity gain.
 
-An uneven rise also causes a lag, although the load is complete at t2. If the load after the
-fraction u of the rise time is M (u - k u (1 - u)), the lag is larger by k (t2 - t1) / 6 than for an
-even rise. This part of the lag is called the bend. The lag l makes the area of the residual
-z + M s(t - l) - y(t) zero. So for small k, the bend is the integral of 30 u (1 - u) times this
+An uneven rise also causes a lag, although the load is complete at t2. Let the load after the
+fraction u of the rise time be M (u - k u (1 - u)). Then the lag is larger than for an even rise by
+k (t2 - t1) / 6, which is called the bend. The lag l makes the area of the residual
+z + M s(t - l) - y(t) zero. So for small k, the bend is the integral of 30 u (1 - u) times the
 residual, divided by M.
 """
 
@@ -38,7 +38,7 @@ _FEWEST = 8  # minimum number of samples for z, and for z + M
 _ROUNDS = 10  # maximum number of iterations for the lag.
 # Change of the lag in s below which the iteration ends.
 _CLOSE = 1e-5
-# Fraction of the vibration under the full load that counts as noise. Most of this vibration is
+# Fraction of the vibration under the full load that counts as noise. Most of the vibration is
 # ringing, which averages out.
 _LEVEL_SHARE = 0.25
 # Standard deviations in s of the lag and of the bend due to the impact of a product.
@@ -130,8 +130,8 @@ def rise_lag(force: Array, time: Array, rise_time: float, transit: float) -> Ris
 def lag_of(window: WeighWindow) -> RiseLag:
     """Return the lag of the rise of the load in a weigh window.
 
-    The segmenter has already subtracted a lag from the `stamp` of the window. The result is the
-    remaining lag. All values are NaN if t1, t2 or t3 is unknown, if there are no samples of the
+    The segmenter has already subtracted the shift of the window from its `stamp`, so the result is
+    the remaining lag. All values are NaN if t1, t2 or t3 is unknown, if there are no samples of the
     empty belt before t1 or fewer than eight samples, or if `rise_lag` cannot determine the lag.
     """
     t1, t2, t3 = window.t1, window.t2, window.t3
@@ -149,7 +149,7 @@ def _weights(
 ) -> tuple[Array, Array, Array] | None:
     """Return the weights of the samples for z, for M, and for M times the correction of `lag`.
 
-    Each of these values is a sum of the samples with the returned weights, (n,). Returns None if
+    Each value is the sum of the samples multiplied by the returned weights, (n,). Returns None if
     there are too few samples of the empty belt or of the full load.
     """
     begin, stop = max(float(time[0]), lag - _EMPTY), transit + min(lag, 0.0)
@@ -191,7 +191,7 @@ def _noise(force: Array) -> tuple[Array, float]:
 
 
 def _rms(noise: tuple[Array, float], weights: Array) -> float:
-    """Return the root mean square of the sum of m samples of noise with the given weights, (m,).
+    """Return the root mean square of the weighted sum of m samples of noise, with `weights`, (m,).
 
     The root mean square is taken over all positions of the weights in the noise. `noise` is a
     result of `_noise`.

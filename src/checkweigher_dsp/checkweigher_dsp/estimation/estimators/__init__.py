@@ -32,6 +32,7 @@ ESTIMATORS: dict[str, type[Estimator]] = {
     'gauss_markov': GaussMarkov,
     'learned': Learned,
 }
-# Methods of the literature that only the command `evaluate` offers, for comparison with the others.
+# Methods of the literature that only the command `evaluate` offers, for comparison with
+# `ESTIMATORS`.
 REFERENCES: dict[str, type[Estimator]] = {'tvlp_mf': TvlpMf, 'lms_notch': LmsNotch}
 METHODS = ESTIMATORS | REFERENCES

@@ -46,7 +46,7 @@ class AeksiParameters(AdaptiveParameters):
 
 
 class Aeksi(Aid):
-    """Adaptively prefiltered extended Kalman identification (reconstruction).
+    """Extended Kalman identification with an adaptive prefilter (reconstruction).
 
     Examples
     --------

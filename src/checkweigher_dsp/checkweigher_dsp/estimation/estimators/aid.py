@@ -8,16 +8,16 @@ The platform obeys
 
 .. math:: x(k) = -a_1 x(k-1) - a_2 x(k-2) + b_1 u(k-1) + n(k),\quad u = 1,
 
-and least squares is optimal if the noise n is white. So n is estimated by the residual and modelled
-as an autoregression (by Burg's method, with the order by Akaike's criterion). The inverse of this
-model is a FIR filter that makes n white when it is applied to x and u. Least squares on the
-filtered signals gives better coefficients, from which the residual and the filter are computed
-again. A fixed low-pass filter is also applied.
+and least squares is optimal if the noise n is white. So the noise n is estimated by the residual
+and modelled as an autoregression (by Burg's method, with the order chosen by Akaike's criterion).
+The inverse of the autoregression is a FIR filter that makes n white when it is applied to x and u.
+Least squares on the filtered signals gives better coefficients, from which the residual and the
+filter are computed again. A fixed low-pass filter is also applied.
 
-The product is fully on the belt during the window, so u is 1. An output of the filter is used only
-if all taps are within the window when it is computed. Other outputs are discarded. The taps are
-divided by their sum, so that the prefiltered u is also 1. The sum is never 0, because for a model
-by Burg's method it is the product of 1 + k over the reflection coefficients k.
+The product is fully on the belt during the window, so u is 1. Outputs of the filter for which a tap
+is outside the window are discarded. The taps are divided by their sum, so that the prefiltered u is
+also 1. The sum of the taps is never 0, because it is the product of 1 + k over the reflection
+coefficients k of a model by Burg's method.
 
 With a constant input, the sum of the least-squares residuals is 0. So the mass is the mean of the
 prefiltered window, apart from corrections for the oscillation at both ends. So the prefilter has
@@ -59,8 +59,9 @@ class AdaptiveSettings:
     """Settings of the prefilter of AID.
 
     The prefilter is computed before each identification of the platform except the first, so with
-    one iteration there is no adaptive prefilter. The taps of the low-pass are a Hann window of at
-    most half the weigh window. A cut-off of at least 0.29 times the sample rate has no effect.
+    one iteration there is no adaptive prefilter. The taps of the low-pass filter are a Hann window
+    that is at most half as long as the weigh window. A cut-off of at least 0.29 times the sample
+    rate has no effect.
     """
 
     iterations: int = 5  # number of identifications
@@ -91,7 +92,7 @@ class AdaptiveParameters(EstimatorParameters):
     )
 
     def settings(self, speed: float) -> AdaptiveSettings:
-        """Return the settings at a belt speed in m/s."""
+        """Return the settings of the prefilter at a belt speed in m/s."""
         return AdaptiveSettings(
             max(1, round(self.at('iterations', speed))),
             round(self.at('max_order', speed)),
@@ -107,7 +108,7 @@ class AidParameters(AdaptiveParameters):
 
 
 class Aid(Estimator):
-    """Adaptively prefiltered least-squares identification (reconstruction).
+    """Least-squares identification with an adaptive prefilter (reconstruction).
 
     Examples
     --------
@@ -162,9 +163,9 @@ class Aid(Estimator):
 class AdaptiveIdentification(Identification):
     """Identification of the platform in each window, with its stability.
 
-    `stable`, (windows,), is whether the last iteration found stable poles. If they are unstable,
-    AID returns the values of the last iteration with stable poles. Without such an iteration,
-    `gain` and `b1` are the Hann-weighted mean of the window, and a1 and a2 are 0.
+    `stable`, (windows,), indicates whether the last iteration found stable poles. AID returns the
+    values of the last iteration with stable poles. If no iteration finds stable poles, `gain` and
+    `b1` are the Hann-weighted mean of the window, and a1 and a2 are 0.
     """
 
     stable: NDArray[np.bool_]
@@ -238,8 +239,9 @@ def prefilter(samples: Array, taps: Array) -> Array:
 def hann_lowpass(cutoff: float, sample_rate: float) -> Array:
     """Return the taps, with sum 1, of a low-pass filter with the shape of a Hann window.
 
-    `cutoff` is the -3 dB cut-off in Hz. It is approximate, because the number of taps is rounded.
-    The filter has a single tap if the cut-off is at least 0.29 times the sample rate.
+    `cutoff` is the -3 dB cut-off in Hz. The actual cut-off differs slightly, because the number of
+    taps is rounded. The filter has a single tap if the cut-off is at least 0.29 times the sample
+    rate.
     """
     count = max(1, round(min(_HANN_CUTOFF * sample_rate / cutoff, _MOST_TAPS)) - 1)
     taps = np.hanning(count + 2)[1:-1]
@@ -271,7 +273,7 @@ def _prefiltered(
 
 
 def _start(x: Array) -> AdaptiveIdentification:
-    """Return the initial identification, which assumes that the platform follows without delay.
+    """Return the initial identification, for a platform that follows the load without delay.
 
     The load is the Hann-weighted mean of each window.
     """
@@ -282,7 +284,7 @@ def _start(x: Array) -> AdaptiveIdentification:
 
 
 def _least_squares(x: Array) -> AdaptiveIdentification:
-    """Fit a1, a2 and b1 for u = 1. The means are subtracted, which eliminates b1."""
+    """Fit a1, a2 and b1 for u = 1. The means of the samples are subtracted, which eliminates b1."""
     now, one, two = x[..., 2:], x[..., 1:-1], x[..., :-2]
     level0, level1, level2 = (np.mean(part, axis=-1) for part in (now, one, two))
     now, one, two = (part - np.mean(part, axis=-1, keepdims=True) for part in (now, one, two))
@@ -294,7 +296,7 @@ def _least_squares(x: Array) -> AdaptiveIdentification:
     a1 = (s12 * s02 - s22 * s01) * inverse
     a2 = (s12 * s01 - s11 * s02) * inverse
     b1 = level0 + a1 * level1 + a2 * level2
-    # Divide by 1 + a1 + a2 only if the poles are stable, because it is then positive.
+    # Divide by 1 + a1 + a2 only if the poles are stable, because the sum is then positive.
     stable = is_stable(a1, a2) & np.isfinite(b1)
     total = np.where(stable, 1 + a1 + a2, 1.0)
     mass = b1 / total
@@ -317,7 +319,7 @@ def _residual(x: Array, fit: AdaptiveIdentification) -> Array:
 def _whitening(residual: Array, max_order: int) -> Array:
     """Return the taps, (windows, p + 1) with sum 1, of filters that make the residuals white.
 
-    The filter of a window may have an order below p. Its taps are then padded with zeros.
+    If the filter of a window has an order below p, its taps are padded with zeros.
     """
     count = residual.shape[-1]
     max_order = min(max_order, count // 3)

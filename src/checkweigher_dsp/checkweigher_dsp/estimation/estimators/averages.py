@@ -30,8 +30,8 @@ class HannParameters(EstimatorParameters):
 class Mean(Average):
     """Mean of the raw samples from t2 to t3.
 
-    The mean is unbiased for a constant load. It removes an oscillation that has a whole number of
-    periods in the window, but not one whose period is longer than the window.
+    The mean is unbiased for a constant load. The mean removes an oscillation that has a whole
+    number of periods in the window, but not one whose period is longer than the window.
 
     Examples
     --------
@@ -43,7 +43,7 @@ class Mean(Average):
     look = PlotStyle('Window mean', 's', '#8b929c', '#8b929c')
 
     def average(self, samples: Array, window: WeighWindow) -> float:
-        """Return the mean."""
+        """Return the mean of the samples in kg."""
         return float(np.mean(samples))
 
 
@@ -60,5 +60,5 @@ class Hann(Average):
     look = PlotStyle('Hann mean', 'D', '#4d5560', '#c4cad2')
 
     def average(self, samples: Array, window: WeighWindow) -> float:
-        """Return the Hann-weighted mean."""
+        """Return the Hann-weighted mean of the samples in kg."""
         return float(hann_mean(samples))

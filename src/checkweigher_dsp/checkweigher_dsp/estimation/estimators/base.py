@@ -19,20 +19,21 @@ from checkweigher_dsp.signal.averages import hann_mean
 
 _kilograms = partial(parameter, unit='kg', minimum=0, maximum=1e3)
 
-# Additional standard deviation beyond the trained masses, relative to the standard deviation at the
-# nearest trained mass. For a mass m above the heaviest trained mass h, it is `_HEAVIER`, in 1/kg^2,
-# times m (m - h). For a mass m below the lightest trained mass l, it is `_LIGHTER` times 1 - m / l.
-# Both numbers were fitted to errors on random machines (docs/method.md).
+# Ratio of the additional standard deviation beyond the trained masses to the standard deviation at
+# the nearest trained mass. For a mass m above the heaviest trained mass h, the ratio is `_HEAVIER`,
+# in 1/kg^2, times m (m - h). For a mass m below the lightest trained mass l, the ratio is
+# `_LIGHTER` times 1 - m / l. `_HEAVIER` and `_LIGHTER` were fitted to errors on random machines
+# (docs/method.md).
 _HEAVIER = 18.0
 _LIGHTER = 0.7
 
-# Parameter lists that the files of earlier versions do not contain. Their default of one value then
-# holds for all speeds.
+# Parameter lists that the files of earlier versions do not contain. If a list is missing, its
+# default of one value holds for all speeds.
 _LATER = ('lightest_mass', 'heaviest_mass')
 
 # Largest distance of an estimate from the mean of a window: `_SPREAD` standard deviations of the
-# samples, plus the fraction `_BIAS` of the mean. The second term allows for parameters that were
-# trained on another platform.
+# samples, plus the fraction `_BIAS` of the mean. The term with `_BIAS` allows for parameters that
+# were trained on another platform.
 _SPREAD = 2.0
 _BIAS = 0.02
 
@@ -42,8 +43,8 @@ class LoadEstimate:
     """Load that an estimator finds in a window, before gain and offset are applied."""
 
     mass: float  # load in kg, or NaN if it cannot be estimated.
-    # Variance in kg^2, or NaN if it is unknown. It includes the variance of the zero only if it was
-    # `measured`, or if it comes from a learned model of `GaussMarkov`.
+    # Variance in kg^2, or NaN if it is unknown. The variance of the zero is included only if
+    # `measured` is True, or if the estimate comes from a learned model of `GaussMarkov`.
     variance: float = math.nan
     # Coefficients of the platform, with b1 in kg; NaN if the estimator does not identify them.
     a1: float = math.nan
@@ -57,7 +58,7 @@ class LoadEstimate:
 class EstimatorParameters(Parameters):
     """Parameters that all estimators have, learned from passes at one or more belt speeds.
 
-    Each list has one value for each of ``speeds``, except those for which a subclass overrides
+    Each list has one value for each of ``speeds``, except lists for which a subclass overrides
     `fits`. The values are interpolated linearly between the speeds, and constant beyond them.
     ``lightest_mass`` and ``heaviest_mass`` may have one value for all speeds.
 
@@ -132,8 +133,8 @@ class EstimatorParameters(Parameters):
     def for_speed(self, speed: float, lists: Mapping[str, Any]) -> Self:
         """Return uncalibrated parameters for one belt speed in m/s, with the given `lists`.
 
-        The parameters that all estimators have get their default values, unless `lists` contains
-        them. The other parameters are kept.
+        Parameters of `EstimatorParameters` get their default values, and parameters of the subclass
+        are kept, unless `lists` contains them.
         """
         common = {entry.name: entry.default for entry in fields(EstimatorParameters)}
         return replace(self, **{**common, 'speeds': (speed,), **lists})
@@ -150,10 +151,10 @@ class EstimatorParameters(Parameters):
         """Return the additional standard deviation in kg of a mass beyond the trained masses.
 
         `mass` is in kg and `speed` in m/s. A heavier product swings more slowly, so its estimate
-        has a systematic error that the training passes do not show. To first order, this error is
-        proportional to the mass and to its distance from the trained masses. The scatter of a
-        lighter product is uncertain, because passes of one mass do not show how it depends on the
-        mass. In both cases the result is proportional to the standard deviation at the nearest
+        has a systematic error that the training passes do not show. To first order, the systematic
+        error is proportional to the mass and to its distance from the trained masses. The scatter
+        of a lighter product is uncertain, because passes of one mass do not show how the scatter
+        depends on the mass. The result is proportional to the standard deviation at the nearest
         trained mass. The result is 0 between the lightest and the heaviest trained mass, and for a
         mass that is not positive.
         """
@@ -235,8 +236,8 @@ class Estimator(ABC):
         """Learn lists of parameters from passes at one belt speed, and return them by name.
 
         `known` are the previous parameters, and `masses`, (windows,), the true masses in kg.
-        `values` contains a value for each of `axes` by the name of the axis, which the command
-        `tune` tries. By default, each of these values is returned as a list of one value.
+        `values` contains, by the name of the axis, the value of each of `axes` that the command
+        `tune` tries. By default, each value in `values` is returned as a list of one value.
         """
         return {name: (value,) for name, value in values.items()}
 
@@ -274,8 +275,8 @@ def rough_variance(samples: Array) -> float:
 def is_in_window(load: LoadEstimate, window: WeighWindow) -> bool:
     """Return whether a load is close to the mean of the raw samples from t2 to t3.
 
-    An estimator may assume a certain rise of the load. If the load rises in another way, because
-    the belt stops or an unseen object leaves the belt, the estimate may be far from the mean.
+    An estimator may assume a certain rise of the load. If the actual rise is different, because the
+    belt stops or an unseen object leaves the belt, the estimate may be far from the mean.
     """
     samples = raw_samples(window)
     level = float(np.mean(samples))

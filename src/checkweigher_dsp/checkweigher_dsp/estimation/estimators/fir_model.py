@@ -120,11 +120,11 @@ _LEAST_SUM = 1e-9
 def fit_fir(samples: Sequence[Array] | Array, masses: Array, count: int, ridge: float) -> Array:
     r"""Learn smooth weights with a small error on training passes, at unity gain.
 
-    With a value of 1, knot j contributes z_j to the weighted sum of a window, and would contribute
-    c_j to that of a constant load of 1. M is the true mass, and :math:`e_j = z_j - M c_j` is the
-    error. Gain and offset later correct the part of the error that depends linearly on M. So this
-    part is computed by linear regression on M, and subtracted. The remainder has the covariance R.
-    The values w of the knots minimise
+    A value of 1 at knot j adds z_j to the weighted sum of a window, and c_j to the weighted sum of
+    a constant load of 1. M is the true mass, and :math:`e_j = z_j - M c_j` is the error. The part
+    of the error that depends linearly on M is subtracted by linear regression, because gain and
+    offset later correct it. The remaining error has the covariance R. The values w of the knots
+    minimise
 
     .. math:: w' R w + \lambda \bar R \, |\Delta^2 w|^2 \quad\text{with}\quad c' w = 1,
 

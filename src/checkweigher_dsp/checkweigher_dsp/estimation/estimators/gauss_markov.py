@@ -11,11 +11,11 @@ is an error of the zero, and n is noise with the covariance C. o_i are free osci
 platform with unknown amplitudes c_i, caused by the previous product and by the impact at entry. If
 C is known, the estimate by generalised least squares has the smallest variance of all unbiased
 linear estimates of the mass. The signal before t1, where s is 0, is also used, because it shows z
-and the oscillations. As C relates the noise before t1 to the noise after t1, it also shows a part
-of the vibration that continues in the window (own derivation, see docs/method.md).
+and the oscillations. Because C relates the noise before t1 to the noise after t1, the signal before
+t1 also shows a part of the vibration in the window (own derivation, see docs/method.md).
 
 The parameters of the platform are learned from passes of known mass. C is learned as an
-autoregression of the empty belt and of the residuals of these passes.
+autoregression of the empty belt and of the residuals of the passes.
 """
 
 from dataclasses import dataclass
@@ -43,7 +43,7 @@ from checkweigher_dsp.signal.prewhitening import Prewhitener, pooled_reflections
 _LEAST_CHANGE = 1e-9  # relative change of the mass at which the iteration ends
 _MAX_ITERATIONS = 8
 _FREE = 1.0  # prior standard deviation of an unknown oscillation in kg.
-# Largest relative deviation of the sample rate of a window from that of the noise model.
+# Largest relative deviation of the sample rate of a window from the sample rate of the noise model.
 _RATE_TOLERANCE = 1e-3
 # Noise models are computed for belt speeds that are multiples of this step in m/s, so that they can
 # be cached. Within a step, a spectral line moves by less than its width.
@@ -149,12 +149,12 @@ def pass_signal(window: WeighWindow, parameters: GaussMarkovParameters) -> PassS
 
     The used part begins after the previous item has left, and at most ``lead_time`` before t1. If
     the load begins to rise before t1, the ``lead_time`` is counted from this earlier time. The used
-    part ends with the last sample, which may be after t3. The times of the load follow from t1, t2,
-    t3, ``entry_begin`` and ``entry_end``.
+    part ends with the last sample, which may be after t3. The times at which the load rises and
+    falls are computed from t1, t2, t3, ``entry_begin`` and ``entry_end``.
     """
     begin_at = parameters.entry_begin / window.belt_speed
     end_at = parameters.entry_end / window.belt_speed + rise_time(window)
-    # The load falls one transit after it rises.
+    # The load falls one transit time, t3 - t1, after it rises.
     leave = transit(window)
     first_at = seconds(window.stamp - (window.t1 or 0))
     time = first_at + np.arange(len(window.counts)) / window.sample_rate
@@ -188,10 +188,10 @@ class GaussMarkov(Estimator):
     def estimate(self, window: WeighWindow) -> LoadEstimate:
         """Return the load in a window by the learned model.
 
-        Without a learned model, the result is that of `estimate_untrained`. With a learned model,
-        the variance includes that of the zero. The load is NaN if the sample rate is not that of
-        the model, the signal begins after the rise of the load, or the residual is larger than
-        ``max_misfit`` allows.
+        Without a learned model, the load is estimated by `estimate_untrained`. With a learned
+        model, the variance of the load includes the variance of the zero. The load is NaN if the
+        sample rate is not the sample rate of the model, the signal begins after the rise of the
+        load, or the residual is larger than ``max_misfit`` allows.
         """
         known = self.parameters
         if not known.sample_rate:
@@ -205,7 +205,7 @@ class GaussMarkov(Estimator):
         impact = known.at('impact', window.belt_speed) * window.belt_speed
         signal = whitener.whiten(used.signal)
         mass, variance, misfit = hann_mean(raw_samples(window)), math.nan, math.nan
-        # Each iteration changes only the first five columns, and only after the entry. So only
+        # Each iteration changes only the values of the first five columns after the entry, so only
         # these values are whitened again.
         entry = int(np.searchsorted(used.time, used.crossing.on_begin))
         columns = np.ones((6, len(used.time)))
@@ -240,7 +240,8 @@ def least_squares(
     The signal, (n,), is modelled as a linear combination of the rows of `columns`, (m, n).
     `std_devs` are the prior standard deviations of the coefficients, which are infinite for unknown
     coefficients. Returns the first coefficient, its variance, and the root mean square of the
-    residual, which is about 1 if the model is valid. All are NaN if the regression is singular.
+    residual, which is about 1 if the model is valid. All three results are NaN if the regression is
+    singular.
 
     Examples
     --------

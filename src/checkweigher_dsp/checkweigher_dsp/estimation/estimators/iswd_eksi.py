@@ -69,7 +69,7 @@ class IswdEksiParameters(EstimatorParameters):
 
     @property
     def noise(self) -> Noise:
-        """Variances of the Kalman filter, with R as a multiple of the removed variance."""
+        """Variances of the Kalman filter; R is a multiple of the variance removed by denoising."""
         return Noise(
             self.measurement_noise,
             self.process_noise,
@@ -107,8 +107,8 @@ class IswdEksi(Estimator):
     def estimate(self, window: WeighWindow) -> LoadEstimate:
         """Return the steady state of the identified platform as the load.
 
-        Without training, `doubt` averages it with the level of the window, unless the parameter
-        ``doubt`` is False.
+        Without training, `doubt` averages the load with the level of the window, unless the
+        parameter ``doubt`` is False.
         """
         return self.estimate_all([window])[0]
 

@@ -4,7 +4,8 @@
 
 The implementation uses PyWavelets and filterpy for one window at a time. Section and equation
 numbers refer to Long et al.; docs/method.md lists the errata. The word "(open)" marks choices that
-the paper does not specify. In the estimator `iswd_eksi`, these choices result from measurements.
+the paper does not specify. In the estimator `iswd_eksi`, the open choices are based on
+measurements.
 """
 
 from dataclasses import dataclass
@@ -35,7 +36,10 @@ _LEAST_NOISE = 1e-12  # smallest value of R for a signal that is scaled to a loa
 
 @dataclass(frozen=True)
 class IswdEksiPaperParameters(EstimatorParameters):
-    """Parameters of the literal ISWD-EKSI. The paper does not state their values."""
+    """Parameters of the literal ISWD-EKSI.
+
+    The paper does not state the values of the parameters.
+    """
 
     node: ClassVar[str] = 'identifier.iswd_eksi_paper'
 
@@ -124,8 +128,7 @@ def identify(signal: Array, measurement: float, process: float) -> Any:
     Returns the filter of filterpy, which contains the state after the last sample.
 
     The state is X = [x(k), x(k-1), a1, a2, b1], and u is 1 for all samples, which are between t2
-    and t3. `measurement` is R, and `process` is the variance of x in Q. The other elements of Q are
-    0.
+    and t3. `measurement` is R, and `process` is the variance of x in Q, whose other elements are 0.
     """
     # Import filterpy only when it is used, because it loads SciPy, which is slow.
     from filterpy.kalman import ExtendedKalmanFilter

@@ -5,11 +5,11 @@ r"""Estimator `learned`: a weighted sum of the parts of a pass, without a model 
 .. math:: m = \sum_j w_j y_j,\quad w = C^{-1} s / (s' C^{-1} s)
 
 The features y_j are the means of the signal in parts of the pass. The times before t1, from t1 to
-t2 and from t2 to t3 are each divided into equal parts. So a feature belongs to the same place of
-the product on the belt at any speed and length. s is the mean curve of the training passes for a
-load of 1. C is the covariance of the residuals of these passes, combined with that of other speeds
-and of the empty belt. The weights are the Gauss-Markov weights for this covariance (own derivation,
-see docs/method.md).
+t2 and from t2 to t3 are each divided into equal parts. So a feature corresponds to the same
+position of the product on the belt at any speed and length. s is the mean curve of the training
+passes for a load of 1. C is the covariance of the residuals of the training passes, combined with
+the covariances of other speeds and of the empty belt. The weights are the Gauss-Markov weights for
+this covariance (own derivation, see docs/method.md).
 """
 
 from dataclasses import dataclass
@@ -33,9 +33,9 @@ from checkweigher_dsp.estimation.estimators.base import (
 from checkweigher_dsp.signal import Array
 from checkweigher_dsp.signal.averages import hann_mean
 
-# The expected time t2 is computed from t1, t3 and the numbers of parts. If the measured t2 deviates
-# from it by at most this fraction of t3 - t1, the deviation is attributed to jitter of an eye, and
-# the expected t2 is used. A larger deviation indicates a different length of the product.
+# The expected time t2 is computed from t1, t3 and the numbers of parts. If the measured t2 differs
+# from the expected t2 by at most this fraction of t3 - t1, the difference is attributed to jitter
+# of an eye, and the expected t2 is used. A larger difference indicates a product of another length.
 _SAME_RISE = 0.02
 PARTS = 64  # number of parts from t1 to t3, which resolve 50 Hz on a slow belt
 
@@ -141,7 +141,7 @@ def _between(speed: float, speeds: tuple[float, ...], table: Array) -> Array:
 
 
 def rise_parts(share: float) -> int:
-    """Return how many of the `PARTS` parts from t1 to t3 are before t2, 1 to ``PARTS - 1``.
+    """Return the number of parts before t2, 1 to ``PARTS - 1``, of the `PARTS` parts from t1 to t3.
 
     `share` is (t2 - t1) / (t3 - t1).
     """

@@ -6,8 +6,9 @@ This is a reconstruction from the abstract of a paper on checkweighers in the Ch
 Scientific Instrument 40 (7), 2019: a notch filter adapted by least mean squares (LMS) with a
 variable step (versiera), a moving average, and an asymmetrically trimmed mean. The filter removes
 one frequency (Widrow et al., Adaptive noise cancelling, Proceedings of the IEEE 63 (1975)
-1692-1716) from the relative deviation d of the signal from its mean. x contains the cosine and the
-sine of this frequency, w their amplitudes in d, and e is the output of the filter:
+1692-1716) from the relative deviation d of the signal from its mean. The vector x contains the
+cosine and the sine at the removed frequency, w contains their amplitudes in d, and e is the output
+of the filter:
 
 .. math:: e = d - w' x,\quad w \leftarrow w + 2 \mu e x,\quad \mu = \beta - \beta / (1 + \alpha e^2)
 

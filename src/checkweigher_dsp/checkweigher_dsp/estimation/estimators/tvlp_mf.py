@@ -5,9 +5,9 @@
 This is a reconstruction from the title and the classification of the patent application
 CN113225047A of Hunan University (Teng et al., 2021). The morphological filter is the mean of an
 opening followed by a closing and of a closing followed by an opening, with a flat structuring
-element (Maragos, Schafer, Morphological filters, IEEE Transactions on ASSP 35, 1987). It removes
-peaks and dips that are shorter than the element. The load is the mean of the last part of its
-output.
+element (Maragos, Schafer, Morphological filters, IEEE Transactions on ASSP 35, 1987). The
+morphological filter removes peaks and dips that are shorter than the structuring element. The load
+is the mean of the last part of the filtered signal.
 """
 
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ _share = partial(parameter, unit='share of the window', minimum=0, maximum=1)
 
 @dataclass(frozen=True)
 class TvlpMfParameters(TvlpfParameters):
-    """Parameters of TVLP-MF: those of TVLPF, the structuring element, and the averaged part."""
+    """Parameters of TVLPF, and in addition the structuring element and the averaged part."""
 
     node: ClassVar[str] = 'identifier.tvlp_mf'
 
@@ -50,7 +50,7 @@ class TvlpMf(Tvlpf):
     axes = (*Tvlpf.axes, Axis('element', 0.0, 0.6, 0.1), Axis('rest', 0.02, 1.0, 0.3))
 
     def average(self, samples: Array, window: WeighWindow) -> float:
-        """Return the mean of the last part of the filtered signal."""
+        """Return the mean in kg of the last part of the filtered signal."""
         known, speed, count = self.parameters, window.belt_speed, len(samples)
         smoothing = lowpass_matrix(count, *self.settings(window, count))
         element = 1 + 2 * round(known.at('element', speed) * count / 2)

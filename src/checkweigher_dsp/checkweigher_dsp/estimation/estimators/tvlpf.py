@@ -10,8 +10,8 @@ during the window:
 
 .. math:: f(n) = f_\infty + (f_0 - f_\infty) r^n .
 
-f(n) is the cut-off frequency at sample n after t2. It falls from f_0 towards f_inf, and r is the
-ratio by which its distance from f_inf is multiplied at each sample.
+f(n) is the cut-off frequency at sample n after t2. The cut-off falls from f_0 towards f_inf, and r
+is the factor by which its distance from f_inf is multiplied at each sample.
 """
 
 from dataclasses import dataclass

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Estimates of the load, and of their uncertainty, for a machine whose estimator is not trained.
 
-`window_level` assumes only a constant load in the window. The other functions compare the rise of
-the load with an even rise on the default platform (own derivation, see docs/method.md).
+`window_level` assumes only a constant load in the window. `doubt`, `rise_misfit` and `lag_doubt`
+compare the rise of the load with an even rise on the default platform (own derivation, see
+docs/method.md).
 """
 
 from dataclasses import replace
@@ -21,36 +22,38 @@ from checkweigher_dsp.signal.averages import hann_mean
 from checkweigher_dsp.signal.rise_lag import PLATFORM_LAG, lag_of
 
 # Smallest number of parts of a window, which resolve 80 Hz on a slow belt. If a window has fewer
-# samples, each sample is a part.
+# than `_PARTS` samples, each sample is a part.
 _PARTS = 64
-# Additional noise at both ends of a window, as fractions of the variance of the disturbance. It is
-# larger at t2 than at t3, because ring-down and a late load extend far into the window.
+# Additional noise at both ends of a window, as fractions of the variance of the disturbance. The
+# additional noise is larger at t2 than at t3, because ring-down and a late load extend far into the
+# window.
 _ENTRY_NOISE = 0.05
 _EXIT_NOISE = 0.001
 _EDGE_EXPONENT = 1.5  # exponent of the additional noise near both ends.
-# White noise as a fraction of the variance of the disturbance. Without it, the weights might become
-# very large if the disturbance is a single oscillation.
+# White noise as a fraction of the variance of the disturbance. Without white noise, the weights
+# might become very large if the disturbance is a single oscillation.
 _WHITE = 1e-3
 _ITERATIONS = 2
 SETTLE_TIME = 0.1  # duration in s of the ring-down after the previous item has left.
-# Number of parts of the rise. A part is about as long as a period of most platforms, or longer.
+# Number of parts of the rise. A part of the rise lasts at least about one period of most platforms.
 _RISE_PARTS = 3
-# Factor by which the standard deviation of the level is multiplied. Without it, the standard
-# deviation is too large, because ringing decays within the window. The factor was measured on 21
-# machines that no estimator was trained on.
+# Factor by which the standard deviation of the level is multiplied. Without this factor, the
+# standard deviation is too large, because ringing decays within the window. The factor was measured
+# on 21 machines that no estimator was trained on.
 _STATED = 0.6
 
 
 def doubt(window: WeighWindow, load: LoadEstimate) -> LoadEstimate:
     """Return the weighted mean of `window_level` and of an estimate that uses the rise of the load.
 
-    The estimate is `load`. It is returned unchanged if `is_in_window` is False for it, or if the
-    sum of both variances is 0 or unknown. Level and estimate are weighted by their inverse
-    variances. The variance of `load` is increased by the residual between t1 and t2, and by the
-    difference between the lag of the rise and that of the default platform. Both are caused by
-    misplaced photo-eyes, bounces, or an unexpected platform or amplifier. Smoothing spreads their
-    effect over the pass. The standard deviation of the result is `_STATED` times that of the level
-    alone, because a single pass cannot show whether an estimate is wrong although the rise fits it.
+    The estimate `load` is returned unchanged if `is_in_window` is False for it, or if the sum of
+    the variances of level and estimate is 0 or unknown. Level and estimate are weighted by their
+    inverse variances. The variance of `load` is increased by the residual between t1 and t2, and by
+    the difference between the lag of the rise and the lag of the default platform. A residual or a
+    different lag is caused by misplaced photo-eyes, bounces, or an unexpected platform or
+    amplifier. Smoothing spreads the effect of a wrong rise over the pass. The standard deviation of
+    the result is `_STATED` times the standard deviation of the level, because the rise of a single
+    pass may also fit a wrong estimate.
     """
     if not is_in_window(load, window):
         return load  # The identifier rejects a load that is far from the mean of the samples.
@@ -68,14 +71,14 @@ def doubt(window: WeighWindow, load: LoadEstimate) -> LoadEstimate:
 
 
 def window_level(window: WeighWindow) -> tuple[float, float]:
-    """Return the weighted mean of the samples of a window (its level) and its standard deviation.
+    """Return the level of a window, which is a weighted mean, and its standard deviation, in kg.
 
-    Both are in kg. The weights are Gauss-Markov weights. The covariance of the disturbance is that
-    of the window about its level, plus that of the empty belt before the window. For a broadband
-    disturbance, the level is close to a plain mean. For spectral lines, it is close to a mean with
-    smooth weights. Additional noise reduces the weights near t3 and even more near t2, where
-    ringing and an incomplete load may remain. Without a disturbance, the level is the Hann-weighted
-    mean, and the standard deviation is 0.
+    The weights of the samples are Gauss-Markov weights. The covariance of the disturbance is the
+    sum of two autocovariances: of the window about its level, and of the empty belt before the
+    window. For a broadband disturbance, the level is close to a plain mean. For spectral lines, the
+    level is close to a mean with smooth weights. Additional noise reduces the weights near t3 and
+    even more near t2, where ringing and an incomplete load may remain. Without a disturbance, the
+    level is the Hann-weighted mean, and the standard deviation is 0.
     """
     samples = raw_samples(window)
     size = max(len(samples) // _PARTS, 1)
@@ -101,12 +104,13 @@ def window_level(window: WeighWindow) -> tuple[float, float]:
 
 
 def rise_misfit(window: WeighWindow, mass: float) -> float:
-    """Return the rms residual in kg of the signal between t1 and t2 from an even rise of the load.
+    """Return the rms deviation in kg of the signal between t1 and t2 from an even rise of the load.
 
     The assumed load rises linearly to `mass` in kg, and lags by the delay of the default platform.
-    The residual is computed from the means of parts of about a third of the rise, so that ringing
-    averages out. The power of such means of the empty belt is subtracted, because it is noise. The
-    result is 0 if no power remains, or if the rise has fewer than three samples.
+    The deviation is computed from the means of parts of about a third of the rise, so that ringing
+    averages out. The power of the means of equally long parts of the empty belt is subtracted,
+    because it is noise. The result is 0 if no power remains, or if the rise has fewer than three
+    samples.
     """
     time = time_since_entry(window)
     entry = max(int(np.searchsorted(time, 0.0)), window.empty_begin)
@@ -121,10 +125,10 @@ def rise_misfit(window: WeighWindow, mass: float) -> float:
 
 
 def lag_doubt(window: WeighWindow) -> float:
-    """Return the rms difference in s between the lag of the rise and that of the default platform.
+    """Return the rms difference in s between the lags of the rise and of the default platform.
 
-    The difference includes the uncertainty of the lag. It is 0 if the lag is unknown, for example
-    because the empty belt before the product is too short.
+    The difference includes the uncertainty of the lag. The result is 0 if the lag is unknown, for
+    example because the empty belt before the product is too short.
     """
     seen = lag_of(window)
     return math.hypot(seen.lag - PLATFORM_LAG, seen.std_dev) if seen.is_known else 0.0

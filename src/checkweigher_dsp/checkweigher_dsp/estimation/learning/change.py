@@ -16,15 +16,16 @@ from checkweigher_dsp.signal import Array
 
 RECENT = 20  # number of recent items in which a change is searched for
 _ALIKE = 1.25  # largest factor by which a compared load may be outside the range of learned loads.
-# Smallest median residual of a part that is a change, in learned standard deviations of the part.
+# Smallest median residual of a part that indicates a change, in learned standard deviations of the
+# part.
 _MOVED = 1.5
-# Smallest ratio of the power of a spectral line to its learned power that is a change.
+# Smallest ratio of the power of a spectral line to its learned power that indicates a change.
 _GROWN = 6.0
 # A change is a vibration only if the standard deviation of the mean of several residuals is at most
-# this fraction of that of single residuals.
+# this fraction of the standard deviation of single residuals.
 _SAME_PHASE = 0.6
-# Smallest increase of the power of a spectral line that is a change, as a fraction of the total
-# learned power.
+# Smallest increase of the power of a spectral line that indicates a change, as a fraction of the
+# total learned power.
 _STRONG = 0.1
 
 
@@ -33,9 +34,9 @@ class Change(Settings):
     """Lasting change of the machine at a place of the pass or at a frequency.
 
     If the load has changed at a place of the pass, `frequency` is NaN. `place` is relative, 0 at t1
-    and 1 at t3. The median residual there differs from 0 by `factor` learned standard deviations.
-    If a vibration has grown, `place` is NaN, and the power at `frequency` in Hz is `factor` times
-    the learned power.
+    and 1 at t3. The median residual at `place` differs from 0 by `factor` learned standard
+    deviations. If a vibration has grown, `place` is NaN, and the power at `frequency` in Hz is
+    `factor` times the learned power.
     """
 
     item_id: int = parameter(text='number of the item with which the change was noticed')
@@ -63,9 +64,9 @@ def find_change(
 ) -> Change | None:
     """Return the change of the machine that the residuals of the last items show.
 
-    Returns None if they show no change, or if there are fewer than `RECENT` of them. The residual
-    of an item is (k,) in kg; see `Fit.residual`. `duration` is the duration of a part of the pass
-    in s, and `item_id` the number of the last item.
+    Returns None if the residuals show no change, or if there are fewer than `RECENT` residuals. The
+    residual of an item is (k,) in kg; see `Fit.residual`. `duration` is the duration of a part of
+    the pass in s, and `item_id` the number of the last item.
     """
     if len(residuals) < RECENT:
         return None
@@ -79,8 +80,9 @@ def find_change(
     place, line = int(np.argmax(moved)), int(np.argmax(grown))
     if moved[place] < _MOVED and grown[line] < _GROWN:
         return None
-    # A vibration has a random phase in each item, so that it is small in the mean of the items. A
-    # change that is large in this mean is therefore a change of the load at a place of the pass.
+    # A vibration has a random phase in each item, so it is small in the mean of the items. A change
+    # that is large in the mean of the items is therefore a change of the load at a place of the
+    # pass.
     last = halves[-1]
     if grown[line] < _GROWN or np.mean(last, axis=0).std() > _SAME_PHASE * last.std():
         place = int(np.argmax(abs(after)))
@@ -102,8 +104,8 @@ def strongest_frequency(known: Fit, duration: float) -> float:
 def _peak(power: Array, line: int) -> float:
     """Return the position of the peak of a spectrum near a line, as an index with a fraction.
 
-    It is the mean of the indices of the line and its neighbours, weighted by their power. Negative
-    power is ignored.
+    The position is the mean of the indices of the line and its neighbours, weighted by their power.
+    Negative power is ignored.
     """
     around = np.arange(max(line - 1, 0), min(line + 2, len(power)))
     share = np.maximum(power[around], 0.0)

@@ -16,7 +16,8 @@ from checkweigher_dsp.estimation.learning.passage import PassParts, passage_of, 
 from checkweigher_dsp.estimation.learning.regression import Fit, fit
 from checkweigher_dsp.signal import Array
 
-_SAME_SPEED, _SAME_LENGTH = 0.05, 0.1  # largest relative differences within a kind of items
+# Largest relative differences of belt speed and length between an item and its kind.
+_SAME_SPEED, _SAME_LENGTH = 0.05, 0.1
 _STEP = 5  # number of items from one fit to the next
 
 _items = partial(parameter, minimum=20, maximum=300)
@@ -71,10 +72,10 @@ class LearningParameters(Parameters):
 class ItemKind(Settings):
     """State that was learned from one kind of items, whose belt speeds and lengths are similar.
 
-    `has` defines the tolerances. The passes are removed when learning is complete, or when a change
-    of the machine is noticed. `recent` contains the residuals, (k,) each, of at most `RECENT` items
-    whose loads were comparable with those from which the weights were learned. It is emptied when
-    the number of weights changes, and when a change of the machine is noticed. Raises
+    The method `has` defines the tolerances of speed and length. `passages` is emptied when learning
+    is complete, and when a change of the machine is noticed. `recent` contains the residuals, (k,)
+    each, of at most `RECENT` items whose loads were comparable with the learned loads. `recent` is
+    emptied when the number of weights changes, and when a change of the machine is noticed. Raises
     `SettingsError` if the residuals and the weights differ in length.
     """
 

@@ -27,12 +27,11 @@ MOST_LEAD = 48  # largest number of parts before t1
 
 @dataclass(frozen=True)
 class PassParts(Settings):
-    """Parts of a pass, with the load by the selected estimator.
+    """Parts of a pass, with the load that the selected estimator found.
 
     `parts`, (lead + PARTS,) in kg, are computed by `pass_features`. The first `lead` parts are
-    before t1. Of these `lead` parts, the last `quiet` parts contain no ring-down of the previous
-    item. Raises `SettingsError` if there are fewer than `PARTS` parts, or if `quiet` exceeds
-    `lead`.
+    before t1. The last `quiet` parts before t1 contain no ring-down of the previous item. Raises
+    `SettingsError` if there are fewer than `PARTS` parts, or if `quiet` exceeds `lead`.
     """
 
     parts: Array = parameter(text='parts of the pass', unit='kg')
@@ -61,7 +60,7 @@ class PassParts(Settings):
 def rise_parts_of(window: WeighWindow) -> int:
     """Return the number of parts of a pass from t1 to t2.
 
-    The result is 0 if t1, t2 or t3 is unknown, or unless t1 < t2 < t3.
+    The result is 0 if t1, t2 or t3 is unknown, or if the times are not in the order t1 < t2 < t3.
     """
     whole = transit(window)
     share = rise_time(window) / whole if whole > 0 else 0.0

@@ -6,13 +6,14 @@ r"""Learning of the weights of the parts of a pass from items of unknown mass.
 
 Items of about the same mass form a cluster. The differences between the passes of a cluster are
 mainly disturbance. R contains the deviations of the parts y from the means of the clusters, and d
-is the number of degrees of freedom. v is the mean variance of these deviations about the curve s of
-a load of 1. Differences between the masses in a cluster add a multiple of s s' to C, which does not
-change the weights. With few items, R'R / d is an inaccurate estimate of the covariance. So C also
-contains the covariances N of the empty belt, I of white noise, and P of the ringing of a platform.
-The weights are computed for a grid of a, b and c. The result is the average of these weights, each
-weighted by the likelihood of the held-out masses (own derivation, see docs/method.md). The mass of
-an item is held out if it is computed with the weights that are learned from the other items.
+is the number of degrees of freedom. v is the mean variance that remains in R after the curve s of a
+load of 1, times the deviation of each load, is subtracted. Differences between the masses in a
+cluster add a multiple of s s' to C, which does not change the weights. With few items, R'R / d is
+an inaccurate estimate of the covariance. So C also contains the covariances N of the empty belt, I
+of white noise, and P of the ringing of a platform. The weights are computed for a grid of a, b and
+c. The result is the average of the weights over the grid, weighted by the likelihood of the
+held-out masses (own derivation, see docs/method.md). The mass of an item is held out if it is
+computed with the weights that are learned from the other items.
 """
 
 from collections.abc import Sequence
@@ -35,15 +36,15 @@ _SHARES = tuple(product((0.03, 0.3, 3.0), (0.003, 0.03, 0.3), (0.0, 0.1, 1.0)))
 _PLAIN = (0.3, 0.03, 0.1)
 _FEWEST = 15  # smallest number of degrees of freedom from which weights are learned
 _ALONE = 0.05  # fraction of items that may have less empty belt before t1 than the weights use
-_APART = 0.02  # smallest distance between clusters as a fraction of the load
+_APART = 0.02  # smallest distance between clusters as a fraction of the median load
 _APART_STD_DEVS = 6.0  # smallest distance between clusters in standard deviations of the estimator.
-# Weights are trusted if the standard deviation of held-out masses, divided by that of the masses by
-# the selected estimator, is below `_GAIN`. If the masses of the products differ much, this ratio
-# may be small by chance, so it must then be below `_GAIN_OF_DIFFERENT`.
+# Weights are trusted if the standard deviation of held-out masses is below `_GAIN` times the
+# standard deviation of the masses by the selected estimator. If the masses of the products differ
+# much, held-out masses may scatter less by chance, so the factor is then `_GAIN_OF_DIFFERENT`.
 _GAIN, _GAIN_OF_DIFFERENT = 0.95, 0.8
-# The masses of the products differ little if the standard deviation of the masses by the selected
-# estimator is below this multiple of the standard deviation of their differences from the masses by
-# plain weights. The true mass cancels in these differences.
+# Largest ratio of two standard deviations for products of similar mass: of the masses by the
+# selected estimator, and of their differences from the masses by plain weights. The true mass
+# cancels in the difference of two estimates.
 _ALIKE = 0.8
 # Number of degrees of freedom that learning uses. The variance of held-out masses is increased
 # accordingly, because the weights and the likelihoods of the grid are learned from the same items.
@@ -62,7 +63,7 @@ class Fit(Settings):
     `curve`, `weights` and `noise`, (k,) each, contain a value for each of the last k parts of a
     pass: the signal of a load of 1, the weight of the part in the mass, and the standard deviation
     of the residual in kg. `spectrum`, (k // 2 + 1,), is the median power of the residuals in kg^2
-    at each frequency. Raises `SettingsError` if the lengths of these arrays do not match, or if the
+    at each frequency. Raises `SettingsError` if the lengths of the arrays do not match, or if the
     weighted sum of `curve` is not 1.
     """
 
@@ -91,7 +92,7 @@ class Fit(Settings):
         mass = self.weights @ self.curve
         if abs(mass - 1) > _ROUNDING:
             raise SettingsError(
-                f'their weighted sum of a load of 1 is {mass:g}: the file is damaged', 'weights'
+                f'the mass of a load of 1 is {mass:g}, not 1: the file is damaged', 'weights'
             )
 
     @property
@@ -156,12 +157,13 @@ def usual_power(residuals: Array) -> Array:
 def held_out(covariance: Array, curve: Array, within: Array, others: Array) -> tuple[Array, Array]:
     """Return the weights, (k,), and the held-out error of each item, (n,).
 
-    A held-out error is computed with the weights that are learned from the other items. `curve` is
-    s, (k,), and row r of `within`, (n, k), the deviation of an item from the mean of its cluster.
-    The deviation from the mean of the other items is o r, with o from `others`, (n,).
-    `covariance` C, (k, k), contains R'R of all rows. Without the item, R'R is reduced by o r r'. By
-    the formula of Sherman and Morrison, C^-1 s then increases by t (r' C^-1 s) C^-1 r with
-    t = o / (1 - o r' C^-1 r). The error is o r' w with the resulting weights w.
+    A held-out error is computed with the weights that are learned from the other items. `curve`,
+    (k,), is s. A row r of `within`, (n, k), is the deviation of an item from the mean of its
+    cluster. The deviation of the item from the mean of the other items is o r, with o from
+    `others`, (n,). `covariance` C, (k, k), contains R'R of all rows. If an item is omitted, R'R
+    decreases by o r r'. By the formula of Sherman and Morrison, C^-1 s then increases by
+    t (r' C^-1 s) C^-1 r with t = o / (1 - o r' C^-1 r). The held-out error is o r' w with the
+    resulting weights w.
     """
     solved = np.linalg.solve(covariance, np.column_stack([curve, within.T]))
     for_curve, for_items = solved[:, 0], solved[:, 1:]  # C^-1 s and C^-1 r
@@ -178,7 +180,7 @@ class _Items:
 
     `parts`, (n, k), are the parts of the passes, and `loads`, (n,), the loads by the estimator,
     both in kg. `clusters`, (n,), contains the number of the cluster of each item, and `freedom` is
-    the number of degrees of freedom. `noise` and `ringing`, (k, k), are N and P.
+    the number of degrees of freedom. `noise` and `ringing`, (k, k), are the covariances N and P.
     """
 
     def __init__(
@@ -211,7 +213,7 @@ class _Items:
         return float(np.sqrt(np.square(errors) @ self._counts / self._freedom))
 
     def plain_weights(self) -> Array:
-        """Return the weights, (k,), for C without the term R'R / d and with `_PLAIN`."""
+        """Return the plain weights, (k,), for C without the term R'R / d and with `_PLAIN`."""
         weights = np.linalg.solve(self._prior(_PLAIN), self.curve)
         return np.asarray(weights / (weights @ self.curve))
 
@@ -248,7 +250,7 @@ def _empty_belt_covariance(passages: Sequence[PassParts], count: int) -> Array:
     """Return the covariance of parts of the empty belt in kg^2, (count, count).
 
     The mean of the parts is not subtracted, so that the covariance includes the error of the zero.
-    It is 0 at lags that are not smaller than the length of the longest segment of the empty belt.
+    The covariance is 0 at lags of at least the length of the longest segment of the empty belt.
     """
     segments = (each.parts[each.lead - each.quiet : each.lead] for each in passages)
     places = np.arange(count)
@@ -258,8 +260,8 @@ def _empty_belt_covariance(passages: Sequence[PassParts], count: int) -> Array:
 def _ringing(lead: int, rise: int, duration: float) -> Array:
     """Return the covariance of the ringing of a platform, (k, k), scaled to a mean variance of 1.
 
-    The amplitude is largest while a product enters. Before the entry, and long after it, the
-    amplitude is half as large.
+    The amplitude of the ringing is largest while a product enters. Before the entry, and long after
+    it, the amplitude is half as large.
     """
     time = (np.arange(lead + PARTS) - lead + 0.5) * duration
     fading = np.exp(-np.maximum(time - rise * duration, 0.0) / _FADING)
