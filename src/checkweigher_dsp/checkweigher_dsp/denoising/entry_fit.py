@@ -58,8 +58,8 @@ class EntryFit:
         self._platform_taps = np.empty((0, 3))
         if count < _LEAST_SAMPLES:
             return
-        # Number of blocks that end before the entry, so that they contain no load. The blocks are
-        # counted back from t3, where the last one ends.
+        # Number of blocks without a load, which end before the entry. The blocks are counted back
+        # from t3, where the last one ends.
         empty = max((batch.entry - batch.force.shape[-1]) // batch.block + count, 0)
         interval = batch.time[:, 1:2] - batch.time[:, :1]
         width = batch.block * interval

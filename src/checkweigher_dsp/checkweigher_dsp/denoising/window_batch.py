@@ -159,8 +159,8 @@ def is_consistent(window: WeighWindow) -> bool:
     """Return whether the fields of a window without reasons are consistent.
 
     There must be at most `MAX_WINDOW` samples, and at least one of them from t2 to t3. The sample
-    rate and the belt speed must be positive and finite. The zeros and the sensitivity must be
-    finite, and the sensitivity must not be 0.
+    rate and the belt speed must be positive and finite. The zeros, the standard deviation of the
+    zero and the sensitivity must be finite, and the sensitivity must not be 0.
     """
     numbers = window.zero, window.zero_counts, window.zero_std_dev, window.counts_per_kg
     return (

@@ -3,7 +3,7 @@
 """ISWD-EKSI estimator: extended Kalman identification of the platform from the denoised signal.
 
 ISWD-EKSI stands for improved stationary wavelet denoising and extended Kalman system
-identification. The stage `Denoiser` does the denoising.
+identification. The stage `Denoiser` denoises the signal.
 """
 
 from collections.abc import Sequence

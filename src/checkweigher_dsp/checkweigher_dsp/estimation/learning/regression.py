@@ -35,7 +35,7 @@ _SHARES = tuple(product((0.03, 0.3, 3.0), (0.003, 0.03, 0.3), (0.0, 0.1, 1.0)))
 # Coefficients a, b and c of the plain weights, which are computed from C without the term R'R / d.
 _PLAIN = (0.3, 0.03, 0.1)
 _FEWEST = 15  # smallest number of degrees of freedom from which weights are learned
-_ALONE = 0.05  # fraction of items that may have less empty belt before t1 than the weights use
+_ALONE = 0.05  # fraction of items that may have fewer parts before t1 than the weights
 _APART = 0.02  # smallest distance between clusters as a fraction of the median load
 _APART_STD_DEVS = 6.0  # smallest distance between clusters in standard deviations of the estimator.
 # Weights are trusted if the standard deviation of held-out masses is below `_GAIN` times the
