@@ -32,11 +32,11 @@ def faults_in(
 ) -> Iterator[str]:
     """Yield a text for each fault in the folder of a machine.
 
-    The faults are audit logs that are broken, that are missing or that no later log names, other
-    files that are missing, that were changed or that the audit logs do not name, and signatures
-    that are not valid. `chain` contains the audit logs.
-    `signers` contains the users by name. If `signers` is None, the keys of the signatures are not
-    compared with the keys of the users.
+    A fault is an audit log that is broken, missing, or not named by a later log. A fault is also a
+    document that is missing or changed, a batch record or verification that the audit logs do not
+    name, or an invalid signature. `chain` contains the audit logs. `signers` contains the users by
+    name. If `signers` is None, the keys of the signatures are not compared with the keys of the
+    users.
     """
     entries = chain.entries
     if chain.fault:
@@ -60,9 +60,10 @@ def faults_in(
 def _batch_faults(
     folder: Path, chain: LogChain, signers: Mapping[str, Signer] | None
 ) -> Iterator[str]:
-    """Yield a text for each fault of a batch record, and for each batch whose record is missing.
+    """Yield a text for each fault of a batch record, and for each missing batch record.
 
-    The batches are those that `chain` names. `signers` is used as in `faults_in`.
+    A record is missing if `chain` names the batch, but the folder does not contain the record.
+    `signers` is used as in `faults_in`.
     """
     for name in _latest(chain.entries, RECORD):
         with suppress(RecordError):
@@ -110,5 +111,5 @@ def _silent_days(entries: list[Entry]) -> Iterator[str]:
 
 
 def _latest(entries: list[Entry], kind: str) -> Mapping[str, Any]:
-    """Return the new value in the latest entry of the kind `kind` on each subject, by subject."""
+    """Return the new value of each subject in its latest entry of the kind `kind`, by subject."""
     return {entry.subject: entry.new for entry in entries if entry.kind == kind}

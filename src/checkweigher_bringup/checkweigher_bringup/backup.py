@@ -22,7 +22,7 @@ from checkweigher_production.audit_log import head_path, read_consistent, read_l
 from checkweigher_production.audit_words import conclusion
 
 _SUMS = 'SHA256SUMS'
-_FOLDER = 'machine'  # name of the folder in an archive
+_FOLDER = 'machine'  # name of the machine folder in an archive
 
 
 class _Hashed:
@@ -45,10 +45,11 @@ class _Hashed:
 
 
 def write_backup(folder: Path, archive: Path) -> int:
-    """Write a backup of a folder while its line may be running, and return the number of files.
+    """Write a backup of a machine folder, and return the number of files.
 
-    The archive gets its name only after it is complete and on the disk. Each file is saved as it
-    was at one moment. The audit log and its head are saved as they were at the same moment.
+    The line may run during the backup. The archive gets its name only after it is complete and on
+    the disk. A file that changes during the backup is saved as it was at a single moment. The audit
+    log and its head file are saved as they were at the same moment.
 
     Raises
     ------
@@ -93,7 +94,7 @@ def _add(tar: tarfile.TarFile, folder: Path) -> Iterator[tuple[str, str]]:
             raise UserError(f'{path}: is neither a file nor a folder, so it cannot be saved')
         if head_path(path) in heads:
             data, head_bytes[head_path(path)] = read_consistent(path)
-        elif path in heads:  # the head was read with its log, which precedes it in `paths`
+        elif path in heads:  # the head was read with its log, which comes first in `paths`
             data = head_bytes[path]
         else:
             yield from _add_file(tar, path, name)
@@ -163,11 +164,11 @@ def restore_backup(archive: Path, folder: Path) -> int:
 
 
 def _part_of_backup(entry: tarfile.TarInfo, place: str) -> tarfile.TarInfo:
-    """Return an entry without its owner, so that the extracted file belongs to the present user.
+    """Return an entry without its owner, so that the extracted file belongs to the current user.
 
-    Of the mode, only the permissions are kept. This function is an extraction filter of `tarfile`.
-    Raises `TarError` unless the entry is a file or folder of the machine, or the file with the
-    SHA-256 of the files.
+    Only the permission bits of the mode are kept. This function is an extraction filter for
+    `tarfile`. Raises `TarError` unless the entry is the file `SHA256SUMS`, or a file or folder of
+    the machine folder.
     """
     parts = PurePosixPath(entry.name).parts
     is_kept = parts[:1] == (_FOLDER,) and '..' not in parts and (entry.isreg() or entry.isdir())
@@ -178,7 +179,7 @@ def _part_of_backup(entry: tarfile.TarInfo, place: str) -> tarfile.TarInfo:
 
 
 def _sums(place: Path) -> dict[str, str]:
-    """Return the SHA-256 that an unpacked backup states for each file."""
+    """Return the SHA-256 of each file by name, from `SHA256SUMS` of an unpacked backup."""
     lines = (place / _SUMS).read_text(encoding='utf-8', errors='replace').splitlines()
     return {name: digest for digest, _, name in (line.partition('  ') for line in lines)}
 

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Reports on batches as text, HTML and JSON, from the record that the line writes of each batch."""
+"""Reports on batches as text, HTML and JSON, and texts on single items of batch records."""
 
 from collections.abc import Iterator, Sequence
 import hashlib
@@ -42,12 +42,12 @@ def record_files(source: Path) -> list[Path]:
 
 
 def item_lines(source: Path, log: Path | None, item: int) -> Iterator[str]:
-    """Yield lines of text on the verdicts on an item in the record or folder of records `source`.
+    """Yield lines of text on the verdicts on an item.
 
-    The lines on a verdict end with the SHA-256 of its line in the record. If a record with a
-    verdict on the item agrees with the audit log, a line that states this follows the verdicts of
-    the record. `log` is the path of the audit log, or None for the log of the machine whose folder
-    contains the record.
+    `source` is a batch record or a folder of batch records. The last line on a verdict states the
+    SHA-256 of the record line that contains the verdict. If a record agrees with the audit log, a
+    line after its verdicts states this. `log` is the path of the audit log, or None for the log of
+    the machine whose folder contains the record.
 
     Raises `LineError` after the last line if there is no verdict on the item, or if a record that
     contains one cannot be trusted. Raises `RecordError` or `AuditError` if a record or the audit
@@ -55,7 +55,7 @@ def item_lines(source: Path, log: Path | None, item: int) -> Iterator[str]:
     """
     found, faults = 0, []
     for record in record_files(source):
-        # Most records of a folder do not contain the item, so they are not parsed.
+        # Do not parse records without the item, because parsing a whole folder takes a long time.
         if b'"item_id":%d,' % item not in record.read_bytes():
             continue
         batch = read_recorded(record, log)
@@ -134,9 +134,9 @@ def batch_lines(batch: Batch, parts: Sequence[PartFigures]) -> Iterator[str]:
 def _trust_lines(batch: Batch, title: str) -> Iterator[str]:
     """Yield lines of text on the state of a record. Each line begins with `title`.
 
-    The lines state whether the record agrees with the audit log, its faults, its signatures, and
-    the number of its items that belong to another batch. Nothing is stated on the audit log if the
-    record was not compared with one.
+    The first line states whether the record agrees with the audit log, and is left out if the
+    record was not compared with a log. The other lines state the faults, the signatures, and the
+    number of items that belong to another batch.
     """
     if batch.log:
         state = '' if batch.end else '; the batch has not ended yet'

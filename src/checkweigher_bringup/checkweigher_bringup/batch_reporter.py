@@ -49,7 +49,8 @@ def write_files(record: Path, sha256: str) -> dict[str, str]:
     Raises `ValueError` if `sha256` is not the SHA-256 of the record, `RecordError` or `AuditError`
     if the record or its audit log cannot be read, and `OutputError` if a file cannot be written.
     """
-    # Imported late, because the imports are slow, and are not needed before a batch has finished.
+    # Import these modules late, because the import is slow, and is not needed before a batch has
+    # finished.
     from checkweigher_bringup.batch_report import write_report
     from checkweigher_production.batch_record import read_lines
     from checkweigher_validation.batch.batch import read_recorded

@@ -24,8 +24,8 @@ from checkweigher_core.parent_process import end_with_parent
 from checkweigher_core.printable import one_line
 
 # Groups of commands: the folder in commands/, the title, and the modules of the commands. The
-# docstring of a module contains the purpose of the command, and examples. The underscore of
-# `import_` is not part of the command, because `import` cannot be the name of a module.
+# docstring of a module contains the purpose of the command, and examples. The module of the command
+# `import` has the name `import_`, because `import` is a reserved word.
 _GROUPS = (
     (
         'line',
@@ -48,9 +48,9 @@ _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # signals that end a c
 class _Ended(KeyboardInterrupt):
     """Raised if a signal ends the command.
 
-    A plain KeyboardInterrupt is not used. If a KeyboardInterrupt is raised in code that `exec`
-    runs, Python kills itself by SIGINT at its exit, even if the exception is caught. The definition
-    of a dataclass, for example, runs such code.
+    If a plain KeyboardInterrupt were raised in code that `exec` runs, Python would kill itself by
+    SIGINT at its exit, even if the exception was caught. The definition of a dataclass, for
+    example, uses `exec`.
     """
 
 
@@ -97,7 +97,7 @@ def build_parser() -> argparse.ArgumentParser:
 
 
 def examples_of(module: ModuleType) -> list[str]:
-    """Return the examples in the docstring of the module of a command."""
+    """Return the examples in the docstring of a command module."""
     return [line.strip() for line in str(module.__doc__).splitlines() if line.startswith(_PROGRAM)]
 
 
@@ -156,9 +156,9 @@ def _prepare(interrupt: Callable[[int, FrameType | None], None]) -> None:
     """
     end_with_parent()
     for number in _ENDING:
-        # A background command of a shell script starts with SIGINT ignored. The handler replaces
-        # that setting, so that SIGINT ends a recording. The command nohup starts a command with
-        # SIGHUP ignored, so SIGHUP must stay ignored.
+        # A background command of a shell script starts with SIGINT ignored. Install the handler
+        # even if SIGINT is ignored, so that SIGINT ends a recording. The command nohup starts a
+        # command with SIGHUP ignored, so SIGHUP must stay ignored.
         if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, interrupt)
     # Open the null device in place of each closed standard stream. Otherwise, the next opened file
@@ -176,7 +176,8 @@ def _run(arguments: Sequence[str]) -> int:
     """Run a command and return its exit status. Print an error of the user as one line on stderr.
 
     The status is 0 if the program that reads the output has ended. After an error of the user, the
-    status is 2, or the attribute `exit_status` of the exception. Other exceptions are raised.
+    status is the attribute `exit_status` of the exception, or 2 if the exception has no such
+    attribute. Other exceptions propagate to the caller.
     """
     command = ''
     try:
@@ -184,7 +185,7 @@ def _run(arguments: Sequence[str]) -> int:
             parsed = build_parser().parse_args(arguments)
             command = f' {parsed.command}'
             status = int(parsed.run(parsed))
-        except SystemExit as error:  # argparse has printed its message, so none is printed here.
+        except SystemExit as error:  # argparse has already printed the message.
             status = _status_of(error)
         sys.stdout.flush()
         return status
@@ -213,7 +214,8 @@ def _line_for(error: Exception) -> str:
     if isinstance(error, MemoryError):
         return 'not enough memory for this'
     # The class is compared by its name, because most commands do not import rclpy. If ROS security
-    # is enabled, an invalid keystore usually causes the RCLError, and the user can correct that.
+    # is enabled, an invalid keystore usually causes the RCLError, and the user can correct the
+    # keystore.
     if type(error).__name__ == 'RCLError' and os.environ.get('ROS_SECURITY_ENABLE') == 'true':
         text = sub(r',? at /\S+:\d+', '', ' '.join(str(error).split()))
         return f'ROS_SECURITY_ENABLE=true: {text.rstrip(".,")}'

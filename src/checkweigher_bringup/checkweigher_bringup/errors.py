@@ -14,8 +14,8 @@ class UserError(ValueError):
 class LineError(UserError):
     """Raised if a replay fails, a record cannot be trusted, or a signature is refused.
 
-    Also raised if no record contains a verdict on the requested item. The exit status of the
-    command is then 1 instead of 2.
+    Also raised if no record contains a verdict on the requested item. With this error, the exit
+    status of a command is 1 instead of 2.
     """
 
     exit_status = 1

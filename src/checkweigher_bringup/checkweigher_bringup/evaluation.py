@@ -266,8 +266,9 @@ def _by_speed(
 ) -> Iterator[PassSet]:
     """Yield a `PassSet` with the name `part` for each speed. Speeds without passes are left out.
 
-    A pass with faults is grouped with the last pass without faults before it, or with the first one
-    after it if there is none before. If all passes have faults, they are in the slowest group.
+    A pass with faults belongs to the speed of the previous pass without faults. If all earlier
+    passes have faults, the pass belongs to the speed of the next pass without faults. If all passes
+    have faults, they belong to the lowest speed.
     """
     speeds = {id(each): group.speed for group in groups for each in group.passes}
     chosen: dict[float, list[KnownPass]] = {group.speed: [] for group in groups}
@@ -279,7 +280,7 @@ def _by_speed(
 
 
 def _line_parameters(arguments: argparse.Namespace) -> LineParameters:
-    """Return the parameters of the line, with those of the estimators that only `evaluate` has."""
+    """Return the parameters of the line and of the estimators that only `evaluate` has."""
     base = settings.line_parameters(arguments.params)
     compared = ComparedParameters.from_mapping(base.identifier.as_mapping())
     return replace(base, identifier=compared)

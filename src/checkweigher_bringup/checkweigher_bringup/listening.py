@@ -18,11 +18,11 @@ from checkweigher_core.ros.ports import Port
 from checkweigher_dsp.pipeline.line import Weighing
 from checkweigher_validation.accuracy.results import ItemResult, ResultJoiner
 
-_ESTIMATE_PATIENCE = 1.0  # time in s after which a verdict is shown without its estimate
-_MAX_REFERENCES = 100  # maximum number of known masses that wait for the verdict of their item
 # Maximum number of estimates that wait for their verdict, and of verdicts that wait for their
 # estimate.
 _MAX_UNPAIRED = 1000
+_MAX_REFERENCES = 100  # maximum number of known masses that wait for the verdict of their item
+_ESTIMATE_PATIENCE = 1.0  # time in s after which a verdict is shown without its estimate
 
 
 class ResultListener(PortNode):
@@ -31,7 +31,8 @@ class ResultListener(PortNode):
     The subscriptions also request earlier messages, because a node may publish a result before it
     discovers the subscription. Any thread may read the pairs from the queue `weighings`. `pairs` is
     the number of pairs so far. `heard` is the time in s, on the monotonic clock, of the latest
-    pair, or of the start if there is no pair yet. A subclass or a caller may set a later time.
+    pair, or of the start if there is no pair yet. A subclass or a caller may set `heard` to a later
+    time.
     """
 
     def __init__(self, name: str) -> None:
@@ -41,14 +42,15 @@ class ResultListener(PortNode):
         self.weighings: queue.Queue[Weighing] = queue.Queue()
         self.heard = time.monotonic()
         self.pairs = 0
-        # Estimates without a verdict, and verdicts without an estimate, by the estimate number.
+        # Estimates without a verdict, and verdicts without an estimate, by the number of the
+        # estimate. Each verdict is stored with its arrival time in s.
         self._estimates: dict[int, MassEstimate] = {}
-        self._verdicts: dict[int, tuple[float, Verdict]] = {}  # with their arrival times in s
+        self._verdicts: dict[int, tuple[float, Verdict]] = {}
         self.listen(ports.MASS_ESTIMATE, self._on_estimate)
         self.listen(ports.VERDICT, self._on_verdict)
 
     def count_drivers(self) -> int:
-        """Return the number of publishers of samples in this lane. Each driver has one of them."""
+        """Return the number of drivers in this lane, counted as publishers of samples."""
         return int(self.count_publishers(self.resolve_topic_name(ports.LOAD_CELL_SAMPLES.name)))
 
     def listen(self, port: Port, callback: Callable[[Any], None]) -> None:
@@ -74,7 +76,8 @@ class ResultListener(PortNode):
     def _pair(self, estimate: MassEstimate, verdict: Verdict) -> None:
         self.heard = time.monotonic()
         self.pairs += 1
-        # The pair gets the item number of the verdict, because that of the estimate may be reused.
+        # The pair gets the item number of the verdict, because the number of the estimate may be
+        # reused.
         self.weighings.put(Weighing(replace(estimate, item_id=verdict.item_id), verdict))
 
 
@@ -115,8 +118,8 @@ class EchoNode(ResultListener):
 
     def _pair_overdue(self) -> None:
         # An estimate may never arrive, for example because the identifier has ended and no longer
-        # keeps it for late subscribers. Its verdict is therefore paired with the values of the
-        # estimate that the verdict repeats.
+        # keeps it for late subscribers. A verdict without an estimate is therefore paired with the
+        # values of the estimate that the verdict repeats.
         for key, (arrival, verdict) in list(self._verdicts.items()):
             if time.monotonic() - arrival > _ESTIMATE_PATIENCE:
                 del self._verdicts[key]

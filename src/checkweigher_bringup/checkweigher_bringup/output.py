@@ -65,7 +65,7 @@ class ItemTable:
         self._origin = origin
         self._file = file
         self._decisions: Counter[Decision] = Counter()
-        # Only sums of the errors in g are kept, because a line may run for months.
+        # The errors in g are not stored one by one, because a line may run for months.
         self._errors = RunningMoments()
         if origin is not None:
             self._print(TABLE_HEADER)

@@ -25,8 +25,8 @@ from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.ros.ports import Port
 from checkweigher_recording.bags.writing import BagWriter
 
-# Reasons of a FAULT for which a pass of the known mass is counted nevertheless. The window of such
-# a pass is complete, and training may remove the cause of the FAULT.
+# Reasons of a FAULT for which a pass of the known mass is counted nevertheless. The window of the
+# pass is complete, and training may remove the cause of the FAULT.
 _OF_USE = {Reason.SPEED_NOT_TRAINED, Reason.NO_CONVERGENCE, Reason.NO_PRODUCT}
 _POLL_PERIOD = 0.2  # s
 _FLUSH_PERIOD = 1.0  # time in s between flushes; a kill loses the messages of about this time
@@ -66,8 +66,9 @@ class ReferencePasses:
     def take(self, verdict: Verdict) -> Reference | None:
         """Count the pass of a verdict, and return the known mass, stamped with t1.
 
-        Returns None if the pass does not count: if the wanted passes were counted before, if the
-        verdict has no t1, or if it is a FAULT with a reason that is not in `_OF_USE`.
+        A verdict does not count if it has no t1, or if it is a FAULT with a reason that is not in
+        `_OF_USE`. Returns None if the verdict does not count, or if the wanted passes were counted
+        before.
         """
         if self.count >= self._wanted:
             return None
@@ -101,8 +102,8 @@ class RecorderNode(PortNode):
         self.passes = passes
         self._begin: int | None = None  # stamp in ns of the first samples
         self._flushed = time.monotonic()
-        # Use the QoS of the stages, so that the node does not receive the verdicts that were
-        # published before the recording, because the bag lacks the signals of their items.
+        # Use the QoS of the stages, which does not request earlier verdicts. The bag lacks the
+        # signals of items whose verdicts were published before the recording.
         for port in recorded:
             if passes is None or port is not ports.REFERENCE_MASS:
                 put = partial(self._put, port)

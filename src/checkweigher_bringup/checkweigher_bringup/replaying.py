@@ -39,9 +39,9 @@ class Collector(ResultListener):
     """Node that collects the results of a graph until every item has its verdict.
 
     The replay fails if neither a verdict with its estimate nor a status of the segmenter arrives
-    for `patience` s. If `waits` is True, because the driver waits for subscribers, this time begins
-    when the segmenter has processed the first sample. `failure` is the error of a replay that has
-    failed, or None.
+    for `patience` s. If `waits` is True, because the driver waits for subscribers, the time
+    `patience` begins when the segmenter has processed the first sample. `failure` is the error of a
+    replay that has failed, or None.
     """
 
     def __init__(self, patience: float, *, waits: bool = False) -> None:
@@ -140,8 +140,8 @@ def _results(
     collector: Collector, children: Sequence[Process], spinner: Spinner
 ) -> Iterator[Weighing]:
     while True:
-        # If `finished` is true, all results are in the queue. The property is therefore read before
-        # the queue.
+        # Read `finished` before the queue, because all results are in the queue when `finished` is
+        # true.
         finished = collector.finished
         with suppress(queue.Empty):
             while True:

@@ -34,7 +34,7 @@ def line_parameters(
 
 
 def recipe_of(arguments: Namespace) -> Product | None:
-    """Return the product that the options `--recipes` and `--product` name, or None without them.
+    """Return the product of the options `--recipes` and `--product`, or None if both are missing.
 
     Raises `UserError` if only one of the options is given or the file lacks the product, and
     `SettingsError` if the file cannot be used.
@@ -55,7 +55,7 @@ def estimator_names(
 ) -> list[str]:
     """Return the estimators that an option names, or `default`, without repetitions.
 
-    The name `all` stands for the estimators of `default`, followed by all others that are `known`.
+    The name `all` stands for the estimators of `default`, followed by all other names in `known`.
     Raises `UserError` if a name is unknown.
     """
     names: list[str] = []

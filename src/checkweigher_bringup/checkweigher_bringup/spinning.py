@@ -57,7 +57,7 @@ def node_command(
     If `nodes` is empty, the module runs all its nodes.
     """
     files = [word for file in parameter_files for word in ('--params-file', str(file))]
-    # The enclave has the name of the node, or that of the module if the module runs several nodes.
+    # The enclave has the name of the node, or of the module if the module runs several nodes.
     name = {path: node for node, path in NODES.items()}.get(module, module.rpartition('.')[2])
     place = [*ros_arguments(namespace), *enclave_arguments(namespace, name)]
     return [sys.executable, '-m', module, *nodes, '--ros-args', *files, *place]

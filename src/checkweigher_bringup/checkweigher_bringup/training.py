@@ -30,8 +30,8 @@ from checkweigher_validation.tuning.tuner import tune
 class BagPasses:
     """Passes of known mass in a bag, the load cell, and notes for the user.
 
-    `untrained` contains the same passes as `passes`, with windows that are cut with other
-    parameters, or is empty.
+    `untrained` is empty, or contains the same passes with windows that are cut with the parameters
+    before training.
     """
 
     passes: tuple[KnownPass, ...]
@@ -56,7 +56,7 @@ class ReadPasses:
     passes: list[KnownPass]
     lines: list[str]
     broken: int
-    untrained: list[KnownPass] = field(default_factory=list)  # the same passes, cut differently
+    untrained: list[KnownPass] = field(default_factory=list)  # as in `BagPasses`
 
 
 def read_passes(
@@ -95,7 +95,7 @@ def read_passes(
 
 
 def _check(bag: str, found: BagPasses, rate: float) -> None:
-    """Print the notes on a bag. Raise `UserError` if its passes cannot be used.
+    """Print the notes on a bag. Raise `UserError` if the passes of the bag cannot be used.
 
     The bag must have a pass of known mass, and the sample rate `rate` in Hz.
     """
@@ -161,10 +161,11 @@ def train(
 
     The file contains the tuned parameters and those parameters of `base` that differ from their
     defaults, and selects the first estimator. If `estimators` is None, all candidates are tuned,
-    and compared with each other and with `base` on held-out passes. The file then contains only the
-    best one, which may be the estimator of `base` without tuning. `budget` is the largest number of
-    evaluations of each estimator at each speed. `n_jobs` is the number of processes, as in
-    `run_jobs`. The accuracies are printed. Returns the number of bags that were skipped.
+    and compared with each other and with `base` on held-out passes. If `estimators` is None, the
+    file contains only the best estimator, which may be the estimator of `base` without tuning.
+    `budget` is the largest number of evaluations of each estimator at each speed. `n_jobs` is the
+    number of processes, as in `run_jobs`. The accuracies are printed. Returns the number of bags
+    that were skipped.
 
     Raises the exceptions of `read_passes`, `TuningError` if there are too few passes or an
     estimator cannot be tuned, and `OutputError` if the file cannot be written.

@@ -3,8 +3,8 @@
 """Launch file of the line: driver, segmenter, denoise, identifier, reject and product.
 
 The arguments set the values that differ from run to run. All other values, and the values of
-omitted arguments, come from the parameter file. With lanes:=FILE host:=NAME, only the nodes of this
-host start. The file describes lanes on several hosts, see docs/hosts.md.
+omitted arguments, come from the parameter file. With lanes:=FILE host:=NAME, only the nodes of the
+host NAME start. FILE describes lanes on several hosts, see docs/hosts.md.
 """
 
 from functools import partial
@@ -190,7 +190,7 @@ def make_page(context, kept):
         for name, kind in PAGE_OPTIONS.items()
         if (value := LaunchConfiguration(f'page_{name}').perform(context))
     }
-    Site(**options).checked()  # otherwise a page that cannot start would be restarted forever
+    Site(**options).checked()  # raise here, because launch would restart an invalid page forever
     return [
         Node(
             package='checkweigher_web',
@@ -202,7 +202,7 @@ def make_page(context, kept):
 
 
 def make_gateways(context, kept):
-    """Return the gateways of all lanes, one for each section of the file `gateways`."""
+    """Return the actions that start the gateways, one for each section of the file `gateways`."""
     file = LaunchConfiguration('gateways').perform(context)
     return [
         Node(
@@ -216,7 +216,7 @@ def make_gateways(context, kept):
 
 
 def kept_running(context):
-    """Return the options of a process, with which launch restarts it unless `respawn` is false.
+    """Return the options of a process that launch restarts unless `respawn` is false.
 
     On SIGTERM, launch ends without ending its processes, which would then prevent a new start. The
     added environment variable makes each process end with its parent.

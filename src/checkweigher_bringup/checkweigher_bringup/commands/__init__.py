@@ -3,8 +3,7 @@
 """The commands of the checkweigher, and the options that several of them have.
 
 Each command is a module with a table `OPTIONS` and a function `run`, which returns the exit status.
-Other modules that take long to import are imported in `run`, so that ``--help`` does not wait for
-them.
+Modules whose import is slow are imported in `run`, so that ``--help`` does not wait for the import.
 """
 
 import argparse
@@ -32,12 +31,12 @@ USERS: Option = (
     Path,
     'file of the users; default: checkweigher/users in $XDG_CONFIG_HOME or ~/.config',
 )
-# Certificate and key of the page.
+# Options for the certificate and the key of the page.
 TLS: tuple[Option, ...] = (
     ('--certificate FILE', Path, 'certificate file of the page for TLS (PEM)'),
     ('--key FILE', Path, 'key file of the certificate (PEM)'),
 )
-# Number of the worker processes, and the cluster on which they run.
+# Options for the number of worker processes, and for the cluster on which they run.
 SCHEDULING: tuple[Option, ...] = (
     ('--jobs N', int, 'number of processes; default: one for each core'),
     (
@@ -79,8 +78,8 @@ def bags(text: str) -> Option:
 def add_options(parser: argparse.ArgumentParser, options: Iterable[Any]) -> None:
     """Add options to a parser.
 
-    A string in `options` is the title of the options that follow. Of the options in an inner tuple,
-    only one may be given.
+    A string in `options` is the title of the options that follow. The user may give only one of the
+    options in an inner tuple.
     """
     group: argparse._ActionsContainer = parser
     for option in options:
@@ -95,7 +94,7 @@ def add_options(parser: argparse.ArgumentParser, options: Iterable[Any]) -> None
 
 
 def _add(group: argparse._ActionsContainer, usage: str, kind: Any, text: str, *more: Any) -> None:
-    """Add an option or a positional argument.
+    """Add an option or a positional argument to a group.
 
     `usage` is the name of the option (or several, with commas) and, after a space, the name of its
     value. `kind` is the type of the value, a list with the type for one or more values, a tuple of

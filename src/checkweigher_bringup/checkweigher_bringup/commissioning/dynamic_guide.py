@@ -27,10 +27,10 @@ _TOLERANCE = 0.05  # maximum relative difference between the requested and the a
 
 
 def set_dynamically(arguments: argparse.Namespace) -> None:
-    """Record passes at each speed, train, and replace the parameter file if the user confirms.
+    """Record passes at each speed, train on them, and replace the parameter file.
 
-    Raises `UserError` if the options cannot be used together, if a recording has fewer passes than
-    requested, or if the standard input ends.
+    The file is replaced only if the user confirms. Raises `UserError` if the options cannot be used
+    together, if a recording has fewer passes than requested, or if the standard input ends.
     """
     _check(arguments)
     output: Path = arguments.output
@@ -75,10 +75,11 @@ def _check(arguments: argparse.Namespace) -> None:
 def _record_at(
     speed: float, folder: Path, base: LineParameters, arguments: argparse.Namespace
 ) -> Path:
-    """Record passes into a new bag until their belt speed is `speed` in m/min; return the last bag.
+    """Record passes until the belt speed is `speed` in m/min, and return the bag of these passes.
 
-    The relative difference of the speeds may be up to `_TOLERANCE`. Raises `UserError` if a
-    recording has fewer passes without faults than requested.
+    Each attempt is recorded into a new bag. The belt speed may differ from `speed` by the relative
+    difference `_TOLERANCE`. Raises `UserError` if a recording has fewer passes without faults than
+    requested.
     """
     while True:
         ask(f'Set the belt to {speed:g} m/min and run the line')
@@ -111,7 +112,7 @@ def belt_speed(passes: Iterable[KnownPass]) -> float:
 
 
 def other_speed(found: float, wanted: float) -> str:
-    """Return a text if the belt speeds `found` and `wanted` differ, both in m/min, otherwise ''.
+    """Return a message if the belt speeds `found` and `wanted` in m/min differ, otherwise ''.
 
     A relative difference of up to `_TOLERANCE` is allowed.
     """

@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Dynamic setting by actions: passes of known mass at each belt speed, then training.
+"""Node that performs a dynamic setting: it records passes of known mass, and trains on them.
 
 Training writes a new file beside the parameter file of the line. The service `accept_tuned`
 replaces the parameter file by the new file. The commands `record` and `tune` run in their own
@@ -89,7 +89,7 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         super().__init__(DynamicSettingParameters, read_only=True, overrides=overrides)
         self._folder = own_folder(self, self.parameters.folder)
         self._file = self._folder / 'machine.yaml'
-        self._learned = self._folder / 'machine.new.yaml'  # parameters that are not accepted yet
+        self._learned = self._folder / 'machine.new.yaml'  # trained parameters, not accepted yet
         self._recording: Path | None = None
         self._cancelled = False
         self._output, self._errors = (self._scratch.enter_context(memory_file()) for _ in range(2))
@@ -120,7 +120,10 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         return dict(sorted(found.items()))
 
     def _recorded(self) -> list[Path]:
-        """Return the bags that are complete, in the order of recording."""
+        """Return the bags of passes in the order of recording.
+
+        The bag of a current recording is left out.
+        """
         return [path for path in self._bags().values() if path != self._recording]
 
     def _publish_state(self, state: int, text: str, **values: Any) -> None:
@@ -202,9 +205,9 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
         return f'training has begun; {ports.DYNAMIC_SETTING.name} reports its end'
 
     def _end(self) -> None:
-        """Ask the child process, if there is one, to end. Recorded passes are kept.
+        """Send SIGTERM to the child process, if there is one. Recorded passes are kept.
 
-        The method does not wait for the end, which `_poll` detects.
+        The method does not wait for the end of the process, which `_poll` detects.
         """
         if self._child is not None:
             self._cancelled = True
@@ -284,8 +287,9 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
     def _interrupt(self, child: subprocess.Popen[bytes]) -> None:
         """Send SIGTERM to a child process and its worker processes, unless the child has ended.
 
-        The signal is not SIGINT, because a child process ignores SIGINT while it starts if this
-        process was started with SIGINT ignored, as a shell does with a background command.
+        SIGINT is not used, because a child process that is starting may still ignore SIGINT. A
+        shell starts background commands with SIGINT ignored, and child processes inherit this
+        setting.
         """
         if child.poll() is None:
             os.killpg(child.pid, signal.SIGTERM)
@@ -329,8 +333,8 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
     def _publish_progress(self, lines: list[str]) -> None:
         """Publish the progress that the child process has printed.
 
-        `lines` contains all lines of its output so far. During a training, a last line without
-        progress is ignored.
+        `lines` contains all lines of the output so far. During a training, the last line is ignored
+        if it contains no progress.
         """
         if self._said.state == DynamicSetting.RECORDING:
             self._said.text = lines[-1]
@@ -341,10 +345,9 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
             self._tell(text=found.doing, progress=found.share, remaining=found.remaining)
 
     def _finish(self, status: int) -> None:
-        """Publish the result of the child process, and remove files that are of no use.
+        """Publish the result of the child process, and remove useless files.
 
-        These files are a bag without passes, and the parameters of a training that failed or was
-        cancelled.
+        A bag without passes, and the parameters of a failed or cancelled training, are removed.
         """
         said, values = self._said, dict[str, Any]()
         if self._recording is not None:
@@ -384,13 +387,13 @@ class DynamicSettingNode(StageNode[DynamicSettingParameters]):
 
 
 def _tell_nobody(**_: object) -> None:
-    """Ignore the feedback, because a service cannot publish it."""
+    """Ignore the feedback, because a service cannot publish feedback."""
 
 
 async def _success(ended: Future) -> str:
     """Wait for the result of a child process, and return its text.
 
-    Raises `UserError` with this text if the process has failed.
+    If the process has failed, `UserError` is raised with this text.
     """
     succeeded, text = await ended
     if not succeeded:

@@ -18,7 +18,7 @@ from checkweigher_validation.verification.procedure import digest_of
 
 NodeValues = dict[str, dict[str, object]]  # parameters by node and name
 
-_LONGEST = 80  # maximum number of characters of a value in a sentence
+_LONGEST = 80  # maximum number of characters of a parameter value in a sentence
 _PACKAGES = ('core', 'dsp', 'production', 'recording', 'driver', 'validation', 'web', 'bringup')
 # Kinds of audit log entries that record a change of the machine. The kind `zero` is left out,
 # because steps of the verification set the zero.
@@ -43,7 +43,7 @@ class Identity:
         self._values: NodeValues = {}
 
     def at_begin(self, values: NodeValues, how: str) -> str:
-        """Write the parameters to the file, and return the identity before the first step as JSON.
+        """Write the parameter file, and return the identity before the first step as JSON.
 
         `values` contains the parameters by node and name. `how` is a phrase that states whether the
         steps are performed on a running line or were recorded one by one.
@@ -79,10 +79,10 @@ class Identity:
 def _changes(before: NodeValues, after: NodeValues) -> Iterator[str]:
     """Yield a sentence for each parameter that changed during the steps.
 
-    Parameters by which a person operates a simulated machine are left out: putting a load on its
-    belt is a part of a step, and not a change of the machine.
+    Parameters that operate a simulated machine are left out, because putting a load on the belt is
+    a part of a step, and not a change of the machine.
 
-    For a node that reported its parameters only before or only after the steps, yield one sentence.
+    A node that reported its parameters only before or only after the steps gives one sentence.
     """
     for node in sorted({*before, *after}):
         if node not in before or node not in after:
@@ -119,10 +119,10 @@ def _changes_in_log(entries: Iterable[Entry]) -> Iterator[str]:
 
 
 def _read_audit(path: Path | None) -> tuple[dict[str, str | None], Sequence[Entry]]:
-    """Return the path, the SHA-256 and the last hash of an audit log by name, and its entries.
+    """Return a dict with the path, the SHA-256 and the last hash of an audit log, and the entries.
 
-    The last hash is None if the log has no entries. If `path` is None, all three values are None,
-    and there are no entries.
+    The last hash is None if the log has no entries. If `path` is None, the three values of the dict
+    are None, and there are no entries.
 
     Raises `AuditError` if the log cannot be read, or its chain is broken.
     """

@@ -68,7 +68,7 @@ def write_to_log(node: Node, kind: str, subject: str, value: object, who: str) -
 
 
 def answer_of(future: Any, name: str, patience: float) -> Any:
-    """Return the result of a future, or raise `UserError` if it has none after `patience` s.
+    """Return the result of a future, or raise `UserError` if it is not done after `patience` s.
 
     `name` is the name of the service or action in the error message. If the future ends with an
     exception, this exception is raised.
@@ -86,9 +86,9 @@ def perform(
     """Perform an action with the fields of a goal, and return its result.
 
     `follow` is called in this thread with each feedback. If `follow` raises an exception, or the
-    user interrupts the command, the goal is cancelled, and the exception is raised again when the
-    goal has ended, or after `_END_PATIENCE` s. Raises `UserError` if no node offers the action, if
-    its node ends before the goal, or if the goal does not succeed.
+    user interrupts the command, the goal is cancelled. The exception is raised again when the goal
+    has ended, or at the latest after `_END_PATIENCE` s. Raises `UserError` if no node offers the
+    action, if its node ends before the goal, or if the goal does not succeed.
     """
     goal = _Goal(node, kind, name, values)
     try:
@@ -99,7 +99,7 @@ def perform(
 
 
 class _Goal:
-    """Goal of an action, which a spinning node sends."""
+    """Goal that the executor of a node sends to the server of an action."""
 
     def __init__(self, node: Node, kind: Any, name: str, values: dict[str, Any]) -> None:
         assert node.executor is not None

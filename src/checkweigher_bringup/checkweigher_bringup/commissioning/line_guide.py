@@ -32,18 +32,19 @@ _FIT_PATIENCE = 20.0  # maximum time in s to wait until a calibration is written
 def calibrate_line(
     namespace: str, masses: Sequence[float], mass_uncertainty: float, max_residual: float
 ) -> None:
-    """Guide the technician through the masses, and let the driver write its calibration file.
+    """Guide the technician through a calibration, and let the driver write its calibration file.
 
     The driver applies the new calibration without a restart. `masses` contains the known masses in
-    kg in the order of their use. If it is empty, only the zero is read.
-    `mass_uncertainty` is the standard uncertainty of each mass, and `max_residual` the largest
-    allowed residual, or 0 without a limit, both in kg.
+    kg in the order of their use. If `masses` is empty, only the zero is read. `mass_uncertainty` is
+    the standard uncertainty of each mass, and `max_residual` the largest allowed residual, or 0
+    without a limit, both in kg.
 
     Raises `UserError` if the driver does not offer the calibration or refuses it, or if the
     standard input ends. Nothing is then written.
     """
     with technician(namespace) as node:
-        # The readings of an unfinished calibration would otherwise become a part of this one.
+        # Discard the readings of an unfinished calibration, which would otherwise become a part of
+        # the new calibration.
         call(node, Trigger, ports.CANCEL_CALIBRATION)
         try:
             for mass in [0.0, *masses, 0.0] if masses else [0.0]:
@@ -99,8 +100,8 @@ def train_line(namespace: str, mass: float, passes: int, speeds: Sequence[float]
 def _is_recorded(node: Node, mass: float, passes: int, speed: float) -> bool:
     """Record passes, and return whether their belt speed is `speed` in m/min.
 
-    The relative difference of the speeds may be up to 5 %, as in `other_speed`. If the bag of the
-    passes is on another computer, the speed is not checked, and True is returned.
+    A relative difference of up to 5 % is allowed, as in `other_speed`. If the bag of the passes is
+    on another computer, the speed is not checked, and True is returned.
     """
     ask(f'Set the belt to {speed:g} m/min and run the line', 'all passes were recorded')
     goal = {'mass': mass, 'passes': passes}

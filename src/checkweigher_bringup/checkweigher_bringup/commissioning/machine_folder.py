@@ -54,11 +54,11 @@ class MachineFolder:
     """Folder with the state of a machine.
 
     The files are the calibration `cell.yaml`, the trained parameters `machine.yaml`, the products
-    `recipes.yaml`, the latest item numbers `items.numbers` and `verdicts.numbers`, the audit log
-    `audit.log`, and `restart` while a restart of the line is requested. The folders `passes_N` are
-    bags of recorded passes, `kept` contains items that users kept, `batches` contains records and
-    reports of batches, `plans` contains verification plans, and `verifications` contains a folder
-    for each verification.
+    `recipes.yaml`, the latest item numbers `items.numbers` and `verdicts.numbers`, and the audit
+    log `audit.log`. The file `restart` exists while a restart of the line is requested. The folders
+    `passes_N` are bags of recorded passes, `kept` contains items that users kept, `batches`
+    contains records and reports of batches, `plans` contains verification plans, and
+    `verifications` contains a folder for each verification.
     """
 
     path: Path
@@ -98,7 +98,10 @@ class MachineFolder:
         return self.path / 'restart'
 
     def files(self, given: Path | None) -> list[Path]:
-        """Return the parameter file of the user and the trained parameters, if there are any."""
+        """Return the parameter file `given`, and the file of the trained parameters if it exists.
+
+        `given` is the parameter file of the user, or None if there is no such file.
+        """
         trained = self.path / 'machine.yaml'
         known = [] if given is None else [given]
         return [*known, trained] if trained.exists() else known

@@ -19,8 +19,9 @@ from checkweigher_core.ros.port_node import PortNode
 def make_test(lane: str, who: str, reason: str, timeout: float) -> bool:
     """Begin a performance test, print each pass, and return whether the test has passed.
 
-    `lane` is the namespace of the lane. `who` and `reason` are written to the audit log. The test
-    is cancelled if the user interrupts it or if it takes longer than `timeout` s.
+    `lane` is the namespace of the lane. The name `who` of the person and the `reason` of the test
+    are written to the audit log. The test is cancelled if the user interrupts it or if it takes
+    longer than `timeout` s.
 
     Raises `UserError` if the line does not answer or refuses the test, or if the test takes longer
     than `timeout` s.

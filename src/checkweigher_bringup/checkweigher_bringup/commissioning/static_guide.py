@@ -29,8 +29,8 @@ from checkweigher_driver.calibration.static_calibration import (
 )
 from checkweigher_driver.devices import source_class
 
-_DURATION = 5.0  # duration in s of each reading
-_TOLERANCE = 0.1  # largest drift in g of a reading
+_DURATION = 5.0  # default duration in s of each reading
+_TOLERANCE = 0.1  # default limit in g of the drift of a reading
 
 
 def check_masses(arguments: argparse.Namespace) -> None:
@@ -41,12 +41,12 @@ def check_masses(arguments: argparse.Namespace) -> None:
 
 
 def calibrate_at_rest(arguments: argparse.Namespace) -> None:
-    """Guide the technician through the masses, and write the calibration file.
+    """Guide the technician through a calibration, and write the calibration file.
 
     Raises `UserError` if an option is not valid, the samples or the standard input end, or the
     largest residual is above the limit. Raises `CalibrationError` if the source has no calibration
     parameters, if the file is not a calibration file or lies in an installed package, and as
-    `read_at_rest` does. After an exception, the file is unchanged.
+    `read_at_rest` and `calibrate` do. After an exception, the file is unchanged.
     """
     if arguments.source is None:
         names = ', '.join(calibrated_sources())
@@ -88,7 +88,7 @@ def _feed(arguments: argparse.Namespace) -> AbstractContextManager[SampleFeed]:
 def _guided_points(
     feed: SampleFeed, masses: Sequence[float], mass_uncertainty: float, steadiness: Steadiness
 ) -> list[CalibrationPoint]:
-    """Read the empty belt, each mass, and the empty belt again; return the calibration points.
+    """Read the empty belt, each mass, and the empty belt again, and return the calibration points.
 
     Without masses, the empty belt is read only once. `masses` and `mass_uncertainty`, the standard
     uncertainty of each mass, are in kg.

@@ -50,7 +50,7 @@ class StepsAtTerminal:
         self._shown = VerificationProgress(0, ProgressState.IDLE)
 
     def follow(self, now: VerificationProgress) -> None:
-        """Print what is new in the progress, and ask the operator if there is a new question.
+        """Print the new results and lines of the progress, and ask the operator any new question.
 
         Raises `UserError` if the standard input ends.
         """

@@ -37,8 +37,8 @@ from checkweigher_validation.verification.report import as_json, report_of
 def verify(arguments: argparse.Namespace) -> str:
     """Run a procedure and write its report, or write the report again from the bag of a procedure.
 
-    Returns the verdict. If the verdict could not be written to the audit log, or the audit log does
-    not confirm the bag and the verdict, a clause that states this follows the verdict.
+    Returns the verdict. A clause after the verdict states if the verdict could not be written to
+    the audit log, or if the audit log does not confirm the bag and the verdict.
     """
     folder: Path = arguments.output
     if arguments.params is not None and not arguments.bags:
@@ -71,8 +71,8 @@ def _procedure_at_terminal(
 ) -> None:
     """Guide an operator at this terminal through a procedure, which another thread runs.
 
-    Raises `UserError` as `procedure_on_line` does, or if the standard input ends. The bag then
-    contains the steps so far.
+    Raises the exceptions of `procedure_on_line`. Also raises `UserError` if the standard input
+    ends; in this case, the bag contains the steps so far.
     """
     said: queue.SimpleQueue[VerificationProgress | None] = queue.SimpleQueue()  # None at the end
     operator = Operator(VerificationProgress(0, ProgressState.MAKING), said.put)
@@ -131,8 +131,8 @@ def report_on(make: Callable[[Identity, Path], None], folder: Path, audit: Path 
     The function `make` runs the procedure. The arguments of `make` are the identity of the machine
     and the path of the bag to write. `audit` is the path of the audit log of the line, or None if
     the line has no log. If `make` raises an exception before it has written a bag, the folder is
-    removed, and the exception is raised again. After a bag was written, an exception of `make`
-    leaves the bag without a report.
+    removed, and the exception is raised again. If `make` raises an exception after it has written a
+    bag, the bag is kept without a report.
     """
     bag, identity = folder / 'bag', Identity(folder / 'parameters.yaml', audit)
     make_output_folder(folder)

@@ -54,9 +54,9 @@ def procedure_of_bags(
     Each bag has the name of its step. All bags are weighed with the same parameters, so the
     procedure has one identity of the machine.
 
-    Raises `UserError` if no step has the name of a bag, if the calibrations of the bags differ, if
-    a reference mass differs from the load in the plan, or if bags overlap in time. If the load of a
-    bag does not come to rest, the exceptions are those of `_rest`.
+    Raises `UserError` if a bag does not have the name of a step, if the calibrations of the bags
+    differ, if a reference mass differs from the load in the plan, or if bags overlap in time.
+    Raises the exceptions of `_rest` if a load does not come to rest.
     """
     steps = {step.name: step for step in steps_of(plan)}
     for bag in bags:
@@ -115,7 +115,7 @@ def _records(
     """Yield all records of a step in order of time, with item numbers above `items`.
 
     The records are the start of the step, the recorded inputs, the estimates and verdicts of the
-    items, and the end of the step. The exceptions are those of `_rest`.
+    items, and the end of the step. Raises the exceptions of `_rest`.
     """
     begin, end = recording.blocks[0].stamp, end_of_block(recording.blocks[-1], recording.load_cell)
     if step.at_rest:
@@ -134,8 +134,9 @@ def _records(
 def _results(weighing: Weighing, items: int, begin: int) -> Iterator[_Record]:
     """Yield the estimate, if there is one, and the verdict of an item.
 
-    Their item numbers are increased by `items`. Their time is t3, or t1 if t3 is unknown. If both
-    are unknown, the time is `begin`, the start of the step in ns.
+    The number `items` is added to the item numbers of estimate and verdict. The stamp of both
+    records is t3, or t1 if t3 is unknown. If t3 and t1 are unknown, the stamp is `begin`, the start
+    of the step in ns.
     """
     estimate, verdict = weighing.estimate, weighing.verdict
     stamp = verdict.t3 or verdict.t1 or begin

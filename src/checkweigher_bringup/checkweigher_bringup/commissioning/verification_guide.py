@@ -51,15 +51,15 @@ from checkweigher_validation.verification.procedure import (
 )
 from checkweigher_validation.verification.steps import Step, StepKind, steps_of
 
-# Maximum times in s to wait for an answer during the steps, and after the last step. The first time
-# is long, because zeroing needs an empty belt. The second one is short, because the line may be
-# about to end.
+# Maximum times in s to wait for an answer during the steps, and after the last step. The time
+# during the steps is long, because zeroing needs an empty belt. The time after the last step is
+# short, because the line may be about to end.
 _ANSWER_PATIENCE, _LAST_PATIENCE = 20.0, 2.0
+# Beginnings of the names of parameters that each ROS node has, and that do not affect the weighing.
+_NOT_OURS = ('use_sim_time', 'qos_overrides', 'start_type_description_service')
 _SILENCE = 10.0  # time in s without a product after which a message is shown to the operator
 _POLL_PERIOD = 0.1  # s
 _TRAIL = 0.5  # duration in s of the samples that are recorded after the last step
-# Beginnings of the names of parameters that each ROS node has, and that do not affect the weighing.
-_NOT_OURS = ('use_sim_time', 'qos_overrides', 'start_type_description_service')
 
 
 def procedure_on_line(
@@ -88,7 +88,7 @@ def procedure_on_line(
             node.tell(VerificationStep(node.latest, '', StepState.IDENTITY, text=what))
             with suppress(BrokenOffError):
                 _Guide(node, plan, cell, operator, check_bag).run()
-            # A line that is about to end may not answer. The report then says that the changes are
+            # If a line that is about to end does not answer, the report states that the changes are
             # unknown.
             with suppress(UserError, InvalidHandle):
                 if spinner.alive:
@@ -103,8 +103,8 @@ class VerificationNode(RecorderNode):
     """Node that records a lane, and that provides the samples and verdicts for the steps.
 
     Any thread may read the queue `verdicts`. `zeros` contains the changes of the zero that the node
-    has received. `latest` is the time in ns of the end of the latest sample or of the latest t3 of
-    a verdict, or 0 before the first sample.
+    has received. `latest` is the end of the latest sample or the latest t3 of a verdict, whichever
+    is later, in ns. `latest` is 0 until samples or a verdict have arrived.
     """
 
     def __init__(self) -> None:
@@ -144,8 +144,8 @@ def _writing(bag: BagWriter, node: VerificationNode) -> Iterator[Callable[[], No
     """Write the recorded messages to the bag, in another thread, until the context ends.
 
     Yields a function that raises `OutputError` if a message could not be written. When the context
-    ends, wait until all messages are written, and raise this error, unless the context has raised
-    an exception.
+    ends, waits until all messages are written. Raises `OutputError` if a message could not be
+    written, unless the context has raised another exception.
     """
     ending = threading.Event()
 
@@ -190,8 +190,8 @@ class _Guide:
 
         The wait ends when `_TRAIL` s of samples have arrived, or after `4 * _TRAIL` s.
 
-        Raises `BrokenOffError` if the operator cancels the procedure, and `OutputError` at the next
-        step if the bag could not be written, so that the operator does not go on in vain.
+        Raises `BrokenOffError` if the operator cancels the procedure. Raises `OutputError` after a
+        step if the bag could not be written, because further steps would be in vain.
         """
         steps = steps_of(self._plan)
         self._operator.begin(steps)
@@ -311,10 +311,10 @@ class _Guide:
 
 
 def _count_weighed(step: Step, items: list[ItemPass]) -> int:
-    """Return how many of the items count as passes of a step, because they were weighed.
+    """Return the number of items that count as passes of a step.
 
-    In a step outside the range of the dynamic setting, all items count, because each of them must
-    get the decision FAULT.
+    An item counts as a pass if it was weighed. In a step outside the range of the dynamic setting,
+    all items count, because each of them must get the decision FAULT.
     """
     return sum(item.weighed or step.kind == StepKind.OUTSIDE for item in items)
 
@@ -337,9 +337,9 @@ def _line(result: Result) -> str:
 def _parameters(node: VerificationNode, patience: float) -> NodeValues:
     """Return the parameters of the nodes of the line, by node and name.
 
-    Waits for each answer for at most `patience` s. Nodes that do not run are left out; a node that
-    is not a stage must be discovered within 1 s. Raises `UserError` if a stage of the line does not
-    run, or if a discovered node does not answer.
+    Waits for each answer for at most `patience` s. A node that is not a stage is left out if it is
+    not discovered within 1 s. Raises `UserError` if a stage of the line does not run, or if a
+    discovered node does not answer.
     """
     found: NodeValues = {}
     for name in ports.NODES:

@@ -20,7 +20,7 @@ _ANSWERS = {
     ProgressState.DECIDING: (StepAnswer.MAKE, StepAnswer.GO_ON),
 }
 _POLL_PERIOD = 0.1  # s
-_LINES = 100  # maximum number of lines on the current step that are published
+_LINES = 100  # maximum number of published lines of text on the current step
 
 
 class BrokenOffError(Exception):
@@ -56,7 +56,7 @@ class Operator:
         Returns the reason for skipping the step, or '' if the operator does the step.
         """
         known = self._progress
-        # Keep the lines of a failed attempt, because they explain why the step is asked for again.
+        # Keep the lines of a failed attempt, because they explain why the step is repeated.
         lines = known.lines if known.step == number and not known.results[number] else ()
         answer, reason = self._ask(ProgressState.ASKING, step=number, text=step.to_do, lines=lines)
         if answer is StepAnswer.SKIP:
@@ -91,7 +91,7 @@ class Operator:
         self._change(lines=(*self._progress.lines, one_line(text))[-_LINES:])
 
     def show(self, text: str) -> None:
-        """Publish the state of the measurement, unless `text` is the published state."""
+        """Publish `text` as the state of the measurement, unless it is already published."""
         self._check_continues()
         if text != self._progress.text:
             self._change(text=text)

@@ -35,7 +35,7 @@ from checkweigher_core.whole_file import write_whole
 from checkweigher_validation.verification.plan import VERIFICATIONS, Plan, read_plan
 
 _END_PATIENCE = 20.0  # maximum time in s to complete the bag and the report when the node ends
-_LONGEST = 200  # maximum number of characters of a reason
+_LONGEST = 200  # maximum number of characters of a reason for skipping a step
 
 
 @dataclass(frozen=True)

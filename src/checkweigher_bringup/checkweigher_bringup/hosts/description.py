@@ -2,6 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Description of a line on several hosts: the nodes of each lane that each host runs.
 
+Examples
+--------
+Description of two lanes on two hosts:
+
 .. code-block:: yaml
 
     hosts:
@@ -32,8 +36,8 @@ from checkweigher_core.ros.ports import NODES
 from checkweigher_core.settings_files import Settings, settings_of
 from checkweigher_core.yaml_files import opened
 
-# Nodes that must run on the same host, because one clock must stamp the samples and time the
-# verdicts, and because the verdicts must reach the outputs even if the network is down.
+# Nodes that must run on the same host. One clock must stamp the samples and time the verdicts. In
+# addition, the verdicts must reach the outputs even if the network is down.
 AT_MACHINE = ('driver', 'segmenter', 'reject')
 HOSTS, SUBNET = 'hosts', 'subnet'  # kinds of discovery without a discovery server
 SERVER_PORT = 11811  # default port of the discovery server of Fast DDS
@@ -47,7 +51,7 @@ class Share:
     lane: str  # namespace of the lane
     nodes: tuple[str, ...]
     params: tuple[Path, ...]
-    product: Mapping[str, str]  # parameters of the node `product`, which override the files
+    product: Mapping[str, str]  # parameters of the node `product`, which override `params`
 
     @property
     def parameters(self) -> dict[str, Mapping[str, object]]:
@@ -100,8 +104,9 @@ class LineDescription:
 class _LaneEntry(Settings):
     """Entry of a lane, which names either the host of all nodes or the nodes of each host.
 
-    Raises `SettingsError` if the name of the lane is not valid, if the entry names both or neither,
-    if a product is given without recipes, or as `_check_nodes` does.
+    Raises `SettingsError` if the name of the lane is not valid, if not exactly one of `host` and
+    `nodes` is given, or if a product is given without recipes. Also raises the exceptions of
+    `_check_nodes`.
     """
 
     name: str = parameter(text='namespace')
@@ -192,7 +197,7 @@ class LineFile(Settings):
     discovery: str = parameter(HOSTS, 'hosts, subnet, or the host with the discovery server')
 
     def __post_init__(self) -> None:
-        names: dict[object, str] = {}  # name of the host by its address
+        names: dict[object, str] = {}  # host names by address
         for name, address in self.hosts.items():
             _check_name(name, 'hosts', name)
             try:

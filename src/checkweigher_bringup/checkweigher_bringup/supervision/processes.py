@@ -25,10 +25,10 @@ class SupervisedProcess:
 
     `command` is called at each start, and returns the words of the command. The process is not
     restarted if it ends with the status `CANNOT_START` before it has worked. If `reports` is True,
-    the process publishes diagnostics: it counts as having worked as soon as the first diagnostics
-    have arrived, and it is killed if the diagnostics stop. If `reports` is False, the process
-    counts as having worked after `STABLE` s, and is not killed if it hangs. If `kept` is False, the
-    process is started only once, and systemd has to kill it if it hangs.
+    the process counts as having worked as soon as its first diagnostics have arrived, and is killed
+    if the diagnostics stop. If `reports` is False, the process counts as having worked after
+    `STABLE` s, and is not killed if it hangs. If `kept` is False, the process is started only once,
+    and systemd has to kill it if it hangs.
     """
 
     def __init__(

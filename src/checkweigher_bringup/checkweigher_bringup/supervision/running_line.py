@@ -34,12 +34,12 @@ from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.ros.services import GATEWAYS
 from checkweigher_gateways.settings import read_gateways
 
-Command = Callable[[], Sequence[str]]  # function that returns the words of a command for its start
+Command = Callable[[], Sequence[str]]  # function that returns the words of a command
 
 _POLL_PERIOD = 0.1  # s
 _DISCOVERY_TIME = 1.0  # time in s to wait for the discovery of a driver that already runs
 _MODULE = 'checkweigher_bringup.line'
-# Nodes that run beside the line. The line does not need these nodes.
+# Nodes that run beside the line, and that the line does not need.
 BESIDE = {
     'dynamic_setting': 'checkweigher_bringup.commissioning.dynamic_setting',
     'verifier': 'checkweigher_bringup.commissioning.verifier',
@@ -137,10 +137,10 @@ def run_host(line: LineDescription, host: str) -> int:
 
 
 def _listen(node: PortNode, process_of: Mapping[str, SupervisedProcess | None]) -> Watchdog:
-    """Subscribe to the diagnostics, and record for each process that its nodes have sent some.
+    """Subscribe to the diagnostics, and pass them on to the processes and to the watchdog.
 
     `process_of` maps the full name of each node to its process, or to None if this program does not
-    run the node. Returns the watchdog of those nodes that belong to the line.
+    run the node. Returns the watchdog of the nodes of the line.
     """
     watchdog = Watchdog(name for name in process_of if name.rpartition('/')[2] in ports.NODES)
 
@@ -252,10 +252,11 @@ def _restart(processes: Mapping[str, SupervisedProcess]) -> None:
 
 
 def _end(processes: Mapping[str, SupervisedProcess]) -> None:
-    """End the first process of the line, those between, and the last one, then all other processes.
+    """End the processes of the line, and then all other processes.
 
-    If each node has its own process, the driver ends first, and `reject` ends after all other nodes
-    of the line, so that items on the belt still get their verdicts.
+    The first process of the line ends first, and its last process ends last. If each node has its
+    own process, the driver ends first and `reject` ends last, so that items on the belt still get
+    their verdicts.
     """
     line = [process for name, process in processes.items() if name not in _NOT_NEEDED]
     beside = [process for name, process in processes.items() if name in _NOT_NEEDED]

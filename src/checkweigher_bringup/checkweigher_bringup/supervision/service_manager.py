@@ -41,9 +41,9 @@ class Watchdog:
     def feed(self, now: float) -> None:
         """Notify systemd that the line runs, as sd_notify(3) describes.
 
-        Nothing is sent if a node has sent no diagnostics for more than `SILENCE` s. Nothing is sent
-        if systemd does not supervise this process, or within `_PERIOD` s after the previous
-        notification.
+        A notification is sent only if each node has sent diagnostics within the last `SILENCE` s,
+        or within the time that `restarted` allows. Nothing is sent if systemd does not supervise
+        this process, or within `_PERIOD` s after the previous notification.
         """
         if not supervises() or now - self._fed < _PERIOD:
             return

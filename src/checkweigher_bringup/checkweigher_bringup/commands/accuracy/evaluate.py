@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Show the accuracy of the estimators on passes of known mass.
 
+Examples
+--------
 checkweigher evaluate --protocol paper --html report.html
 checkweigher evaluate shift*/ --params machine.yaml --csv accuracy.csv
 """

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Learn parameters from passes of known mass.
 
+Examples
+--------
 checkweigher tune bags/paper_30 bags/paper_60 bags/paper_90 --output machine.yaml
 checkweigher tune day1 --output machine.yaml --scheduler tcp://10.0.0.5:8786
 """
@@ -21,7 +23,7 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Tune, and write the parameter file. Return 1 if a bag was skipped, otherwise 0."""
+    """Tune estimators, and write the parameter file. Return 1 if a bag was skipped, otherwise 0."""
     from checkweigher_bringup import settings
     from checkweigher_bringup.output import check_output_file
     from checkweigher_bringup.training import train

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Verify a machine by the steps of a plan, and write the report.
 
+Examples
+--------
 checkweigher verify plan.yaml
 checkweigher verify plan.yaml --output /tmp/verification
 checkweigher verify --from 2026-05-28/bag 2026-06-28/bag --output again
@@ -50,7 +52,7 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the procedure and write its report. Return 0 if everything passed, otherwise 1.
+    """Run the verification and write its report. Return 0 if everything passed, otherwise 1.
 
     With `--example` or `--steps`, print an example of a plan or the steps of the given plan, and
     return 0.
@@ -104,8 +106,8 @@ def _verify_by_line(arguments: argparse.Namespace) -> int:
 def _reports_of(bags: dict[str, str], arguments: argparse.Namespace) -> int:
     """Write the report of each bag again, each into a folder of its own in the output folder.
 
-    `bags` contains the relative path of the folder for each bag. Bags that cannot be read are
-    reported on stderr and skipped.
+    `bags` contains, for each bag, the path of its folder relative to the output folder. Bags that
+    cannot be read are reported on stderr and skipped.
 
     Returns 1 if a verification did not pass or a bag could not be read, otherwise 0.
     """

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Save the folder of a machine as an archive with checksums; the line may run.
 
+Examples
+--------
 checkweigher backup my_machine --output my_machine.tar
 """
 

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Calibrate the load cell with known masses at rest, or train on passes of a known mass.
 
+Examples
+--------
 checkweigher calibrate --masses 200 500 1000
 checkweigher calibrate --dynamic --reference 134.5 --speeds 30 60 90
 checkweigher calibrate --masses 200 500 1000 --source aed --output /etc/checkweigher/lane1.yaml
@@ -51,17 +53,18 @@ _OWN = 'source', 'open', 'params', 'duration', 'tolerance', 'bags', 'estimator',
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Guide the user through the masses or the speeds.
+    """Guide the user through the calibration or the training of a line.
 
-    With `--output`, write a parameter file. Otherwise, let the line write its own files.
+    With `--output`, write a parameter file. Without `--output`, let the line write its own files.
 
     Raises `UserError` or `CalibrationError` if options are missing or cannot be used together, or
-    if the calibration or the training cannot be completed.
+    if the calibration cannot be completed. Raises `UserError` or `TuningError` if the training
+    cannot be completed.
     """
     if not (arguments.masses or arguments.zero or arguments.dynamic):
         raise UserError(
-            'choose what to set: --masses G ... (known masses at rest), --zero (the empty belt '
-            'only) or --dynamic (passes of --reference at each of --speeds)'
+            'choose one of --masses (known masses at rest), --zero (the empty belt only) and '
+            '--dynamic (passes of --reference at each of --speeds)'
         )
     if arguments.output is None:
         _set_line(arguments)
@@ -77,7 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _set_line(arguments: argparse.Namespace) -> None:
-    """Calibrate or train a running line by its actions.
+    """Calibrate or train a running line by the ROS actions of its nodes.
 
     Raises `UserError` if an option that needs `--output` was given.
     """

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Make a self-signed certificate for the page, and show its fingerprint.
 
+Examples
+--------
 checkweigher certificate scale7.local 192.168.1.7 --certificate page.crt --key page.key
 """
 

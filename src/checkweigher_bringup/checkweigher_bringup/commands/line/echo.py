@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Show the masses and verdicts of a running line as they arrive.
 
+Examples
+--------
 checkweigher echo --namespace lane1
 """
 
@@ -13,7 +15,7 @@ import time
 
 from checkweigher_bringup.commands import DURATION, NAMESPACE
 
-_PATIENCE = 5.0  # time in s without a verdict after which a new reason for this is shown
+_PATIENCE = 5.0  # time in s without a verdict after which a new reason for the silence is shown
 _POLL_PERIOD = 0.2  # s
 
 OPTIONS = (NAMESPACE, ('--count N', int, 'end after N verdicts'), DURATION)

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run a gateway between the running lanes and the plant.
 
+Examples
+--------
 checkweigher gateway metrics --settings gateways.yaml
 """
 

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Serve a web page that shows the running lanes, which users can operate after a login.
 
+Examples
+--------
 checkweigher page --port 8080
 """
 

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Write the security policy of a line for SROS2: the rights of each node.
 
+Examples
+--------
 checkweigher policy --namespace lane1 lane2 --output policy.xml
 """
 

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Record a running line into a bag.
 
+Examples
+--------
 checkweigher record --output /tmp/shift1 --duration 60
 """
 

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Restore the folder of a machine from a backup, and write an entry to its audit log.
 
+Examples
+--------
 checkweigher restore my_machine.tar --folder my_machine
 """
 
@@ -18,9 +20,9 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Restore the folder, and write an entry to its audit log, if it contains one.
+    """Restore the folder, and write an entry to the audit log if the folder contains a log.
 
-    Returns 1, and writes no entry, if the chain of the audit log is broken, otherwise 0.
+    Returns 1 without writing an entry if the chain of the audit log is broken, otherwise 0.
     """
     from getpass import getuser
     import time

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Run a live line, show each verdict, and restart processes that end.
 
+Examples
+--------
 checkweigher run --params my_line.yaml --processes
 """
 
@@ -59,7 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
     from checkweigher_driver.devices import DriverParameters
 
     namespace = check_namespace(arguments.namespace)
-    # An invalid file raises ParameterError here, before a process starts.
+    # An invalid parameter file raises ParameterError here, before a process starts.
     line_parameters(arguments.params, lane=namespace or None)
     driver: dict[str, object] = {}
     if arguments.bag:

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Show the diagnostics of a running line, the worst first, and what to check.
 
+Examples
+--------
 checkweigher status --count 1
 """
 
@@ -70,8 +72,8 @@ def _show_tables(board: 'StatusBoard', arguments: argparse.Namespace) -> None:
 
     end = time.monotonic() + (arguments.duration or math.inf)
     patience = min(time.monotonic() + _PATIENCE, end)
-    # The board has the level STALE until each stage of the line has sent diagnostics, so wait for
-    # them before the first table.
+    # The worst level is STALE until each stage of the line has sent diagnostics, so wait for these
+    # diagnostics before the first table.
     while time.monotonic() < patience and worst(board.rows(time.monotonic())) == Level.STALE:
         time.sleep(0.05)
     if board.heard:
@@ -96,8 +98,8 @@ def _print(rows: 'list[Row]', arguments: argparse.Namespace, *, heard: bool) -> 
     else:
         lines += table(rows, width, values=arguments.values)
     if sys.stdout.isatty() and arguments.count != 1:
-        # A table that is longer than the terminal would scroll its first and worst rows away, so
-        # its last lines are left out.
+        # Leave out the last lines of a table that is longer than the terminal. Otherwise the first
+        # rows, which are the worst, would scroll out of sight.
         if (left := len(lines) - (height - 2)) > 0:
             lines[height - 2 :] = [f'{counted(left, "more line")}: --count 1 prints all']
         print('\033[H\033[J' + '\n'.join(lines), flush=True)

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Add, list, change and remove the users of the page.
 
+Examples
+--------
 checkweigher user add anna --role operator
 """
 

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Verify the hash chain of an audit log, and show its entries.
 
+Examples
+--------
 checkweigher audit /var/log/checkweigher/lane1.log
 checkweigher audit --all /var/lib/checkweigher/lane1
 """
@@ -109,7 +111,7 @@ def _check_folder(arguments: argparse.Namespace) -> int:
     chain = read_chain(folder / LOG_FILE)
     faults = list(faults_in(folder, chain, signers))
     if faults:
-        # A running line may have written a file but not yet its entry, so check again.
+        # A running line may have written a file but not yet the entry on this file, so check again.
         time.sleep(_PATIENCE)
         chain = read_chain(folder / LOG_FILE)
         faults = list(faults_in(folder, chain, signers))

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Report on a batch, with the packers' rules, reference test, histogram and control chart.
 
+Examples
+--------
 checkweigher batch bags/paper_60 --nominal 134.5 --html batch.html
 """
 
@@ -53,7 +55,7 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the figures, and write the files.
+    """Print the statistics of the batch, and write the requested files.
 
     Returns 1 if the record cannot be trusted, or if a product fails the packers' rules or the
     reference test, otherwise 0. With `--item`, only the verdicts on the item are printed, no file

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Show the giveaway in kg and in money by shift, day or month.
 
+Examples
+--------
 checkweigher giveaway /var/lib/checkweigher/lane1/batches --by day --price 4.20
 """
 

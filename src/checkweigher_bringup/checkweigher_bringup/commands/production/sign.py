@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Sign a batch, a verification or a change of limits, as a review, an approval or a release.
 
+Examples
+--------
 checkweigher sign /var/lib/checkweigher/lane1/batches/L2417.jsonl --meaning review --who anna
 checkweigher sign /var/lib/checkweigher/lane1/audit.log --entry 27 --meaning approval --who anna
 """

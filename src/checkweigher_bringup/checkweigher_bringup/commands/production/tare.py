@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Check the tare of a product with a sample of empty packages.
 
+Examples
+--------
 checkweigher tare recipes.yaml --product crisps_150g --masses 3.98 4.02 4.01 --who anna
 """
 
@@ -25,10 +27,11 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the sample, and write it to the audit log.
+    """Print the statistics of the sample of packages, and write the sample to the audit log.
 
-    With `--accept`, its mean is written into the recipe as the tare, unless the mean must not be
-    used. Returns 1 if the mean must not be used as the tare, otherwise 0.
+    With `--accept`, the mean of the sample is written into the recipe as the tare, unless
+    `TareControl` refuses the mean. Returns 1 if `TareControl` refuses the mean as the tare,
+    otherwise 0.
     """
     from checkweigher_bringup.commands.production import write_claim
     from checkweigher_core.changes import TARE

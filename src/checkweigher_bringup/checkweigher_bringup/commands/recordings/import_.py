@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Convert a CSV log of a scale to a bag.
 
+Examples
+--------
 checkweigher import log.csv --edges log.edges.json --slope 5.19e-4 --offset -4874.4 --output bag
 """
 

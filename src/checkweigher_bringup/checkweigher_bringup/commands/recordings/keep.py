@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Write one item of a bag into a small bag, which can be sent with a bug report.
 
+Examples
+--------
 checkweigher keep shift1 --item 17 --output item17
 """
 

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Write a complete bag from a recording that broke off.
 
+Examples
+--------
 checkweigher recover shift1 --output shift1_whole
 """
 

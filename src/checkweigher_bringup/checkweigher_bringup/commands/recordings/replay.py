@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Play a bag through the ROS graph and show each verdict.
 
+Examples
+--------
 checkweigher replay bags/paper_60 --rate 0
 """
 

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Write a bag of simulated products with known masses.
 
+Examples
+--------
 checkweigher simulate --speed 60 --mass 134.5 --count 20 --output /tmp/line
 """
 

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Weigh bags offline, with the same stages as the graph.
 
+Examples
+--------
 checkweigher weigh bags/paper_60 --csv masses.csv
 checkweigher weigh shift*/ --output results  # a Parquet file for each bag, and a summary
 checkweigher weigh s3://plant/2026 --output results --scheduler tcp://10.0.0.5:8786
@@ -111,9 +113,9 @@ def _report(weighed: 'Weighed', progress: str, scheduler: str) -> None:
 def _weigh(
     stretches: 'Iterable[Recording]', parameters: 'LineParameters', with_rows: bool
 ) -> tuple[TextIO, TextIO]:
-    """Weigh the parts of a bag; return a file with the table and one with the rows in CSV.
+    """Weigh the parts of a bag, and return a file with the table and a CSV file with the items.
 
-    Without `with_rows`, the second file is empty. The results are written to temporary files,
+    If `with_rows` is False, the CSV file is empty. The results are written to temporary files,
     because an error at the end of the bag makes all results invalid.
     """
     from checkweigher_bringup.output import ItemTable, with_warning
@@ -128,7 +130,7 @@ def _weigh(
     items = map(shown.show, weigh_stretches(recordings, parameters))
     if with_rows:
         rows.writelines(items_as_csv(items))
-    deque(items, maxlen=0)  # Show the items, unless `rows.writelines` has already done so.
+    deque(items, maxlen=0)  # Add the items to the table, unless `rows.writelines` has done so.
     shown.close()
     table.seek(0)
     rows.seek(0)

@@ -164,7 +164,7 @@ def test_settings_of_a_line_are_not_those_of_a_command_without_a_file():
 @pytest.mark.parametrize(
     ('options', 'message'),
     [
-        ((), r'--masses G ... .*, --zero .* or --dynamic'),
+        ((), r'--masses .*, --zero .* and --dynamic'),
         (('--zero',), '--source: must be the source to calibrate: simulator, aed, ascii'),
         (('--masses', 0, '--source', 'simulator'), '--masses 0'),
         (('--zero', '--source', 'bag'), 'its data contain the calibration'),
