@@ -133,7 +133,9 @@ def test_a_new_line_is_calibrated_tuned_and_runs_by_the_page_alone(tmp_path: Pat
         ben.make('End')
         ben.said('of 1000 passes of 200 g recorded')
         ben.until(lambda: ' passes of 200 g at 60 m/min' in ben.text('.dynamic .lines'))
-        ben.until(lambda: 'fill in the plan of Verify first' in ben.text('.dynamic .doubts'))
+        ben.until(lambda: 'The plan of Verify begins with' in ben.text('.dynamic .doubts'))
+        ben.commission('5 Verify')
+        ben.until(lambda: '200g: certificate' in ben.text('.verify .doubts'))
         ben.plan(tmp_path / 'heavier.yaml', SHORT_PLAN.replace('194.5', '590'))
         browser.refresh()  # a reloaded page has the plan that was edited last
         ben.commission('3 Dynamic')

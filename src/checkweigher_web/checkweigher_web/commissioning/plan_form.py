@@ -66,9 +66,10 @@ _OF_MASS = (
 )
 _NUMBERS = 'factor', 'passes'
 # Keys whose values differ with each verification. The page names those of them whose values are
-# still those of the example plan or of a new plan.
-_OWN = 'operator', 'place', 'environment', 'maker', 'type', 'certificate', 'serial', 'uncertainty_g'
-_BLANK = {'certificate': '', 'serial': '', 'uncertainty_g': 0}  # values of a mass in a new plan
+# still those of the example plan.
+_OWN = 'operator', 'place', 'environment', 'maker', 'type', 'certificate', 'serial'
+# Values of a recorded mass in a new plan. The page names those of them that a user has to replace.
+_UNKNOWN = {'certificate': '?', 'serial': '?', 'uncertainty_g': 0}
 # Distance in m from one product to the next if no passes were recorded.
 _SPACING = 1.0
 # Labels of the tests that a plan may omit, by the keys of their sections.
@@ -106,16 +107,16 @@ class LineFacts(NamedTuple):
 def new_plan(
     operator: str,
     load_cell: LoadCell | None,
-    known: Sequence[Recorded] = (),
+    passes: Sequence[Recorded] = (),
     uncertainties: Mapping[float, float] = MappingProxyType({}),
 ) -> str:
     """Return the example plan with an operator, a load cell, and recorded masses and speeds.
 
-    The value of the example is kept instead of an empty one, and if `load_cell` is None. `known`
-    are the passes that were recorded for the training. Without any, the masses, speeds and tests
-    are those of the example. Otherwise Min and Max are close to the lightest and the heaviest
-    recorded mass, and the plan has no warm-up, which only a type evaluation needs. `uncertainties`
-    contains known standard uncertainties in kg by the mass in kg.
+    The value of the example is kept instead of an empty one, and if `load_cell` is None. `passes`
+    were recorded for the training. Without any, the masses, speeds and tests of the example are
+    kept. Otherwise Min and Max are close to the lightest and the heaviest recorded mass, and the
+    plan has no warm-up, which only a type evaluation needs. `uncertainties` contains known standard
+    uncertainties in kg by the mass in kg.
     """
     text, example = EXAMPLE, _values_of_example()
     model, serial = (load_cell.model, load_cell.serial_number) if load_cell else ('', '')
@@ -128,25 +129,25 @@ def new_plan(
         before = example[path]
         if value:  # Replace the text of the value, because the comments of the plan must stay.
             text = text.replace(f': {before}\n', f': {json.dumps(value)}\n')
-    return _with_recorded(text, known, uncertainties) if known else text
+    return _with_recorded(text, passes, uncertainties) if passes else text
 
 
 def _with_recorded(
-    text: str, known: Sequence[Recorded], uncertainties: Mapping[float, float]
+    text: str, passes: Sequence[Recorded], uncertainties: Mapping[float, float]
 ) -> str:
     plan = _sections(text)
     in_grams = {round(GRAMS * mass, 3): value for mass, value in uncertainties.items()}
-    masses = sorted({round(GRAMS * each.mass, 3) for each in known})
+    masses = sorted({round(GRAMS * each.mass, 3) for each in passes})
     plan['references'] = {
         f'{mass:g}g': {
             'mass_g': _number(str(mass)),
-            **_BLANK,
+            **_UNKNOWN,
             'uncertainty_g': _number(f'{GRAMS * in_grams.get(mass, 0.0):g}'),
         }
         for mass in masses
     }
     plan['loads'] = list(plan['references'])
-    plan['speeds_m_per_min'] = sorted({round(MINUTE * each.speed) for each in known})
+    plan['speeds_m_per_min'] = sorted({round(MINUTE * each.speed) for each in passes})
     if len(masses) > 1:
         plan['min_g'], plan['max_g'] = _round_down(masses[0]), -_round_down(-masses[-1])
     del plan['prepackages_g'], plan['warm_up']
@@ -155,10 +156,10 @@ def _with_recorded(
     return _dumped(plan)
 
 
-def _round_down(mass: float) -> float | int:
+def _round_down(mass: float) -> float:
     """Return the largest number with two digits that is not above a mass in g."""
     step = 10.0 ** (math.floor(math.log10(abs(mass))) - 1)
-    return _number(f'{step * math.floor(mass / step):.6g}')
+    return float(f'{step * math.floor(mass / step):.6g}')
 
 
 @cache
@@ -308,15 +309,11 @@ def _not_given(text: str) -> Iterator[Text]:
     names = [
         field.label
         for field, value in fields_of(text)
-        if field.path[-1] in _OWN and value in (example.get(field.path), _blank(field))
+        if value == str(_UNKNOWN.get(field.path[-1]))
+        or (field.path[-1] in _OWN and value == example.get(field.path))
     ]
     if names:
         yield Text('Not filled in yet, or as in the example plan: {fields}', fields=_listed(names))
-
-
-def _blank(field: Field) -> str | None:
-    """Return the value of a field of a mass in a new plan, or None for other fields."""
-    return str(_BLANK.get(field.path[-1])) if field.path[0] == 'references' else None
 
 
 def _to_do(step: Step) -> str:

@@ -20,8 +20,7 @@ OPTIONS = (
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Guide the user through the test passes. Return 0 if the test has passed, otherwise 1.
-    """
+    """Guide the user through the test passes. Return 0 if the test has passed, otherwise 1."""
     from checkweigher_bringup.commissioning.performance_guide import make_test
     from checkweigher_bringup.settings import check_namespace, check_positive
 
