@@ -3,9 +3,9 @@
 """Legally relevant software: the program and the libraries that decide masses and verdicts.
 
 The digest covers every Python file and shared library of the packages in `OWN` and `LIBRARIES`,
-except their tests. It also covers the Python version, and the name of the kernel of the linear
-algebra library (BLAS) that this processor uses. Software that only shows, stores or transmits
-results is in other packages, which the digest does not cover.
+except their tests. The digest also covers the Python version, and the name of the kernel of the
+linear algebra library (BLAS) that this processor uses. Software that only shows, stores or
+transmits results is in other packages, which the digest does not cover.
 """
 
 from collections.abc import Iterator
@@ -40,13 +40,16 @@ class LegalSoftware:
 
     @property
     def value(self) -> dict[str, object]:
-        """Fields of this class, as they are stored in an entry of the audit log."""
+        """Fields by name, as stored in an entry of the audit log."""
         return asdict(self)
 
 
 @cache
 def legal_software() -> LegalSoftware:
-    """Return the digests of the legally relevant software. The first call takes about 0.3 s."""
+    """Return the digests of the legally relevant software.
+
+    The first call computes the digests in about 0.3 s. Later calls return the same digests.
+    """
     parts = {name: package_digest(name) for name in (*OWN, *LIBRARIES)}
     parts |= {'Python': platform.python_version(), 'BLAS kernel': blas_kernel()}
     text = json.dumps(parts, sort_keys=True)

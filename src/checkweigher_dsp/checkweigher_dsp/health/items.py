@@ -25,30 +25,30 @@ _TOO_MANY_FAILED = 0.05  # minimum fraction of failed items for a warning
 _FEWEST_FAILED = 2  # minimum number of failed items for a warning
 _ALL_FAIL = 5  # number of successive failed items for an error
 _BUSY = 0.5  # fraction of the time spent on computing, above which a warning is given
-_BUSY_SPAN = 10.0  # period in s over which this fraction is measured
+_BUSY_SPAN = 10.0  # period in s over which the computing time is summed
 _NOT_CONVERGED = (Reason.NO_CONVERGENCE, Reason.SPEED_NOT_TRAINED, Reason.NO_LOAD)
-# Maximum number of items for the current medians.
+# Maximum number of items in the current medians.
 _RECENT = 10
-# Maximum number of items for the usual natural frequency.
+# Maximum number of items whose median is the usual natural frequency.
 _USUAL = 300
-# Minimum number of items for the usual natural frequency.
+# Minimum number of items from which the usual natural frequency is computed.
 _FEWEST_USUAL = 30
 # Relative change of the natural frequency above which a warning is given. A product whose mass is a
 # tenth of the moving mass of the platform lowers the frequency by 5 %.
 _FREQUENCY_CHANGE = 0.2
-_SWINGS = 0.5  # damping ratio from which the frequency is ignored, because it is uncertain
+_SWINGS = 0.5  # damping ratio from which the natural frequency is too uncertain to be used
 _UNCERTAIN = 0.5  # fraction of max_relative_std_dev above which a warning is given
 _MAX_EDGES = 200  # maximum number of stored outfeed edges
-_ALIKE = 10  # number of successive items below or above the limits for a warning
+_ALIKE = 10  # number of successive items with the decision UNDER, or OVER, for a warning
 _NO_MASSES = 3  # number of successive items without a mass for an error
 
 
 def failures(items: RecentItems, what: str) -> list[Concern | None]:
     """Return an error if the last five items failed, and a warning if many recent items failed.
 
-    The warning requires at least two failed items and at least 5 % of the recent items. Either of
-    them is None if it does not apply. `what` says what happened to the items, such as 'were
-    faults'.
+    The warning requires at least two failed items and at least 5 % of the recent items. In the
+    result, an error or a warning that does not apply is None. `what` says what happened to the
+    items, such as 'were faults'.
     """
     in_a_row, failed = items.failed_in_a_row, items.failed
     reason = items.main_reason(in_a_row if in_a_row >= _ALL_FAIL else len(items))
@@ -78,7 +78,7 @@ class FaultWatch:
         self._reasons.update(reasons)
 
     def finding(self, now: float) -> Finding:
-        """Return the finding on the aspect Items."""
+        """Return the finding on recent faults (aspect Items)."""
         self._items.forget(now)
         values: Values = {
             'items': self._count,
@@ -106,7 +106,7 @@ class WorkloadWatch:
         self._taken.add(ended, ended - began)
 
     def finding(self, now: float) -> Finding:
-        """Return the finding on the aspect Windows."""
+        """Return the finding on the computing time (aspect Windows)."""
         self._taken.forget(now)
         share = self._taken.total / _BUSY_SPAN
         values = {
@@ -148,10 +148,10 @@ class ConvergenceWatch:
                 self._usual.add(now, estimate.natural_frequency)
 
     def finding(self, now: float, max_relative_std_dev: float) -> Finding:
-        """Return the finding on the aspect Convergence.
+        """Return the finding on the uncertainty of the masses (aspect Convergence).
 
-        `max_relative_std_dev` is a parameter of the identifier. A warning is given if the median of
-        standard deviation divided by mass exceeds half of it.
+        `max_relative_std_dev` is a parameter of the identifier. A warning is given if the median
+        relative standard deviation of the masses exceeds half of `max_relative_std_dev`.
         """
         for recent in (self._items, self._relative, self._frequency, self._damping, self._usual):
             recent.forget(now)
@@ -216,12 +216,12 @@ class VerdictTiming:
         if came is None or verdict.t3 is None:
             return
         self._latency.add(now, now - came)
-        # Omit the margin of a verdict without a mass, because it always waits for its deadline.
+        # Omit the margin of a verdict without a mass, which always waits for its deadline.
         if verdict.reject_at is not None and not missing:
             self._margin.add(now, (verdict.reject_at - verdict.t3) / NANOSECONDS - (now - came))
 
     def verdicts(self, now: float, verdict_margin: float, *, deadlines: bool) -> Finding:
-        """Return the finding on the aspect Verdicts.
+        """Return the finding on the timing of the verdicts (aspect Verdicts).
 
         `verdict_margin`, in s, and `deadlines` are parameters of the reject stage. Without
         `deadlines`, late verdicts and small margins cause no error or warning.
@@ -260,9 +260,9 @@ class VerdictTiming:
         return conclude('Verdicts', well, concerns, values)
 
     def line(self, now: float, missing: str) -> Finding:
-        """Return the finding on the aspect Line.
+        """Return the finding on missing masses (aspect Line).
 
-        `missing` is the name of a stage that does not run, or empty.
+        `missing` is the name of the stage without which no mass can arrive, or empty if it runs.
         """
         self._masses.forget(now)
         failed, in_a_row = self._masses.failed, self._masses.failed_in_a_row
@@ -291,16 +291,16 @@ class RejectorWatch:
         self._count = 0
 
     def add_strays(self, now: float, count: int) -> None:
-        """Add a number of edges of the eye behind the rejector that belong to no item."""
+        """Add `count` edges of the eye behind the rejector that belong to no item."""
         if count:
             self._strays.add(now, count)
             self._count += count
 
     def finding(self, now: float, request: StopRequest | None, *, confirmed: bool) -> Finding:
-        """Return the finding on the aspect Rejector.
+        """Return the finding on the rejector and the stop request (aspect Rejector).
 
         `request` is the current stop request, or None if no stop is requested. `confirmed` is
-        whether there is an eye behind the rejector.
+        true if an eye behind the rejector confirms rejects.
         """
         self._strays.forget(now)
         values: Values = {

@@ -20,9 +20,9 @@ _QUARTERS = (0.25, 0.5, 0.75, 1.0)
 def learning_finding(
     known: LearnedKinds, parameters: LearningParameters, *, on: bool, trouble: str = ''
 ) -> Finding:
-    """Return the finding on the aspect Learning.
+    """Return the finding on the learned state (aspect Learning).
 
-    `on` is whether learning is switched on. `trouble` is the reason why the learned state is not
+    `on` is true if learning is switched on. `trouble` is the reason why the learned state is not
     stored, or empty.
     """
     if not on:
@@ -47,7 +47,7 @@ def learning_finding(
 
 
 def describe(kind: ItemKind) -> str:
-    """Return a description of the learned state for one belt speed and length."""
+    """Return a description of the learned state for one belt speed and product length."""
     text = counted(kind.items, 'item')
     taught = kind.fit
     if taught is None:

@@ -20,29 +20,33 @@ from checkweigher_dsp.signal import Array
 
 _HOUR = 3600.0  # one hour in s
 _DRIFT_SPAN = 1800.0  # longest period in s over which the drift is measured
-_DRIFT_PERIOD = 10.0  # interval in s between two readings for the drift
-_SHORTEST_DRIFT = 300.0  # shortest period in s, below which noise may look like a drift
+_DRIFT_PERIOD = 10.0  # interval in s between two readings of the zero for the drift.
+# Shortest period in s over which the drift is measured. In a shorter period, noise may look like a
+# drift.
+_SHORTEST_DRIFT = 300.0
 _WARM_UP = 1800.0  # warm-up time of a load cell in s
-_STEP = 5.0  # smallest change of the zero that is not a drift, in standard deviations
-_NEAR_LIMIT = 0.75  # fraction of zero_range above which a warning is given
-_UPDATE_PATIENCE = 120.0  # longest time in s in which products pass without an update of the zero.
-# Length of the FFT in samples. A shorter segment is zero-padded, and of a longer segment, only the
-# end is used.
+_STEP = 5.0  # smallest change of the zero that counts as sudden, in standard deviations
+_NEAR_LIMIT = 0.75  # fraction of zero_range above which a warning is given.
+# Time in s without an update of the zero while products pass, above which a warning is given.
+_UPDATE_PATIENCE = 120.0
+# Length of the FFT in samples. A shorter segment is padded with zeros. Of a longer segment, only
+# the end is used.
 _FFT_LENGTH = 1024
-_FEWEST_SAMPLES = 64  # minimum number of samples of a segment
+_FEWEST_SAMPLES = 64  # minimum number of samples of a segment of the empty belt
 _LOWEST_FREQUENCY = 2.0  # lowest frequency of vibration in Hz; a drift is slower
-_RECENT_SEGMENTS = 5  # number of segments for the current noise and its spectrum
-_USUAL_SEGMENTS = 300  # maximum number of segments for the usual noise
-_FEWEST_USUAL = 20  # minimum number of segments for the usual noise
+_RECENT_SEGMENTS = 5  # number of latest segments for the current noise and its spectrum
+_USUAL_SEGMENTS = 300  # maximum number of segments whose median noise is the usual noise
+_FEWEST_USUAL = 20  # minimum number of segments from which the usual noise is computed
 _NOISY = 3.0  # ratio to the usual noise above which a warning is given
 
 
 class ZeroWatch:
-    """Statistics of the distance of the zero from the zero of calibration, and of its drift.
+    """Statistics of the zero: its distance from the zero of calibration, and its drift.
 
-    `zero_range` is the largest permitted distance in kg, or 0 if the distance is not checked.
-    `began` is the time in s at which the node was started. `usual_drift` is the standard deviation
-    of the drift in kg/s. If it is infinite, no change of the zero counts as sudden.
+    `zero_range` is the largest permitted distance from the zero of calibration in kg, or 0 if the
+    distance is not checked. `began` is the time in s at which the node was started. `usual_drift`
+    is the standard deviation of the drift in kg/s. If `usual_drift` is infinite, no change of the
+    zero counts as sudden.
     """
 
     def __init__(
@@ -63,13 +67,14 @@ class ZeroWatch:
         self._zero = Zero(math.nan, math.nan)
         self._updated = math.nan
         self._item = -math.inf
-        # Time in s of the first product after the last update, or infinity before this product.
+        # Time in s of the first product since the last change of the zero, or infinity if no
+        # product has passed since then.
         self._missed_since = math.inf
         self._drift = RecentValues(_DRIFT_SPAN)
         self._noted = -math.inf
 
     def add(self, now: float, zero: Zero, *, item: bool) -> None:
-        """Add the zero at `now` in s. `item` is whether an item passes at this time."""
+        """Add the zero at `now` in s. `item` is true if an item passes at this time."""
         if zero.counts != self._zero.counts:  # The initial zero is NaN, so the first zero differs.
             self._updated, self._missed_since = now, math.inf
         elif item:
@@ -85,7 +90,7 @@ class ZeroWatch:
     def set(self) -> None:
         """Discard the readings for the drift, because a person has set the zero.
 
-        This change of the zero therefore counts neither as sudden nor as a drift.
+        A zero that a person has set counts neither as a sudden change nor as a drift.
         """
         self._noted = -math.inf
         self._drift.clear()
@@ -110,7 +115,7 @@ class ZeroWatch:
         return _HOUR * self._drift.slope if self._drift.span >= _SHORTEST_DRIFT else math.nan
 
     def finding(self, now: float) -> Finding:
-        """Return the finding on the aspect Zero."""
+        """Return the finding on the zero and its drift (aspect Zero)."""
         self._drift.forget(now)
         distance, drift = self._distance, self.drift
         share = abs(distance) / self._range if self._range > 0 else math.nan
@@ -157,8 +162,8 @@ class ZeroWatch:
 class BeltNoiseWatch:
     """Statistics of the noise of the empty belt, with the strongest frequency of the noise.
 
-    `limit` is the largest standard deviation in kg. With 0, the noise is only compared with the
-    usual noise.
+    `limit` is the largest permitted standard deviation of the noise in kg. If `limit` is 0, the
+    noise is only compared with the usual noise.
     """
 
     def __init__(self, sample_rate: float, limit: float) -> None:
@@ -170,7 +175,10 @@ class BeltNoiseWatch:
         self._memory = 1.0 - 1.0 / _RECENT_SEGMENTS
 
     def add(self, now: float, force: Array) -> None:
-        """Add a segment of the empty belt, (n,) in kg. It is ignored if n is less than 64."""
+        """Add a segment of the empty belt, an array (n,) in kg.
+
+        A segment of fewer than 64 samples is ignored.
+        """
         if len(force) < _FEWEST_SAMPLES:
             return
         force = force[-_FFT_LENGTH:]
@@ -190,7 +198,7 @@ class BeltNoiseWatch:
         return (lowest + int(np.argmax(self._power[lowest:]))) * self._rate / _FFT_LENGTH
 
     def finding(self, now: float) -> Finding:
-        """Return the finding on the aspect Belt noise."""
+        """Return the finding on the noise of the empty belt (aspect Belt noise)."""
         self._recent.forget(now)
         self._usual.forget(now)
         noise, frequency = self._recent.median, self.frequency

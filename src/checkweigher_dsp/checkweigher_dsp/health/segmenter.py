@@ -15,13 +15,15 @@ from checkweigher_dsp.segmentation.segmenter import Segmenter
 
 _MILLI = 1e3
 # Change of the lag of the load behind the photo-eye edges, in ms, above which an error is given.
-# Differences between products cause changes of up to a third of this value.
+# Differences between products change the lag by up to 0.5 ms.
 _CHANGED = 1.5
-# Difference in ms between the lag and the stated lag above which a warning is given, or an error if
-# the lag is too large to be learned.
+# Difference in ms between the lag of the load and the stated lag, above which a warning or an error
+# is given.
 _LARGE = 2.0
-_MANY_UNCHECKED = 0.5  # fraction of unchecked items above which a warning is given
-_FEWEST = 10  # minimum number of items for findings on a large lag and on unchecked items
+_MANY_UNCHECKED = 0.5  # fraction of unchecked items above which a warning is given.
+# Minimum number of checked items for an error on a large lag. The fraction of unchecked items is
+# relative to at least this number of items.
+_FEWEST = 10
 
 
 class SegmenterWatch:
@@ -31,14 +33,14 @@ class SegmenterWatch:
         self._parameters = parameters
         self._began = began
         self._load_cell: LoadCell | None = None
-        # `begin_stream` sets these three attributes when the first load cell is known.
+        # `begin_stream` sets `_samples`, `_zero` and `_noise`, which depend on the load cell.
         self._samples: SampleWatch
         self._zero: ZeroWatch
         self._noise: BeltNoiseWatch
         self._eyes = EyeWatch()
         self._edge_check: EdgeCheck | None = None
         self._items = FaultWatch()
-        # Whether the stream has succeeded, and the message of the source. None while it runs.
+        # Whether the last stream succeeded, and the message of the source; None during a stream.
         self._end: tuple[bool, str] | None = None
         self._stream_began = began
 
@@ -65,11 +67,17 @@ class SegmenterWatch:
         self._zero.set()
 
     def end_stream(self, *, well: bool, text: str = '') -> None:
-        """End the stream. `well` is whether it succeeded, and `text` the message of the source."""
+        """End the stream.
+
+        `well` is true if the stream succeeded, and `text` is the message of the source.
+        """
         self._end = well, text
 
     def add(self, now: float, event: SampleBlock | EyeEdge) -> None:
-        """Add a block of samples or an edge; the load cell must be known."""
+        """Add a block of samples or an edge of the stream.
+
+        The caller must have called `begin_stream`.
+        """
         if isinstance(event, SampleBlock):
             self._samples.add(now, event)
         else:
@@ -77,10 +85,10 @@ class SegmenterWatch:
             self._eyes.add(now, event)
 
     def add_window(self, now: float, window: WeighWindow, segmenter: Segmenter) -> None:
-        """Add a window of the segmenter, with its zero and its check of the edges.
+        """Add a window, with the zero and the edge check of `segmenter`.
 
-        The samples of the empty belt before the item are added to the noise, unless the window is a
-        fault or t1 is unknown.
+        The samples of the empty belt before the item are added to the statistics of the noise,
+        unless the window is a fault or t1 is unknown.
         """
         self._items.add(now, window.reasons)
         self._edge_check = segmenter.cutter.edge_check
@@ -93,14 +101,14 @@ class SegmenterWatch:
         self._noise.add(now, window.force[begin : max(entry, begin)])
 
     def look(self, now: float, segmenter: Segmenter) -> None:
-        """Add the zero and the noise of an idle belt, because it produces no windows."""
+        """Add the zero and the noise of an idle belt, because an idle belt produces no windows."""
         self._zero.add(now, segmenter.zero_keeper.zero, item=False)
         self._noise.add(now, segmenter.idle_belt() / segmenter.load_cell.counts_per_kg)
 
     def findings(self, now: float, offset_of_clocks: float) -> list[Finding]:
         """Return all findings. `offset_of_clocks` is the time of day in s minus `now`.
 
-        Before the first load cell is known, the only finding is that on the aspect Samples.
+        Before the first load cell is known, the only finding is on the aspect Samples.
         """
         self._eyes.look(now)
         if self._load_cell is None:
@@ -122,7 +130,10 @@ class SegmenterWatch:
         ]
 
     def _stream(self, now: float) -> Finding:
-        """Return the finding on the aspect Samples. No samples are expected after a stream ends."""
+        """Return the finding on the stream of samples (aspect Samples).
+
+        No samples are expected after a stream ends.
+        """
         finding = self._samples.finding(now, now - self._stream_began)
         if self._end is None:
             return finding
@@ -133,7 +144,7 @@ class SegmenterWatch:
 
 
 def edges_finding(check: EdgeCheck) -> Finding:
-    """Return the finding on the aspect Eyes and samples."""
+    """Return the finding on the lag of the load (aspect Eyes and samples)."""
     lag, change, reference = (_MILLI * value for value in (check.lag, check.change, check.learned))
     values = {
         'lag_beyond_stated_ms': lag,
@@ -143,7 +154,7 @@ def edges_finding(check: EdgeCheck) -> Finding:
         'items_unchecked': check.unchecked,
     }
     side = 'later' if change > 0 else 'earlier'
-    # A lag that is too large to be learned makes each item a fault, so it is an error.
+    # A lag that is too large to be learned is an error, because it makes each item a fault.
     too_large = math.isnan(check.learned) and check.checked >= _FEWEST
     beyond = lag if too_large else reference
     is_large = not check.is_stated and abs(beyond) > _LARGE

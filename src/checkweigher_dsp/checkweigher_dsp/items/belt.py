@@ -11,12 +11,12 @@ from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.items.eyes import Eyes
 from checkweigher_dsp.items.item import YET_TO_LEAVE, State, TrackedItem
 
-# Largest factor between a transit and the usual transit. A transit that is longer or shorter by
-# more than this factor is an outlier. An item is overdue if it has been on the belt for this factor
-# times its expected transit, plus the time for which it blocks an eye.
+# Largest ratio of a transit to the usual transit, or of the usual transit to a transit, at which
+# the transit is not an outlier. An item is overdue if it has been on the belt for 1.5 times its
+# expected transit plus the time for which it blocks an eye.
 _OVERDUE = 1.5
-# An outfeed edge is expected if it differs from the expected time by less than this fraction of the
-# expected transit. An edge that is earlier by at least this fraction is too early for the item.
+# Tolerance of the time of an outfeed edge, as a fraction of the expected transit of the item. An
+# edge that precedes its expected time by at least this tolerance is too early for the item.
 _TOO_EARLY = 0.1
 _KNOWN_ITEMS = 16  # maximum number of stored recent items, and of stored given-up items
 _MOST_ITEMS = 100  # maximum number of items on the belt, which is reached only if an eye chatters
@@ -25,7 +25,7 @@ _MOST_ITEMS = 100  # maximum number of items on the belt, which is reached only 
 class UsualTransit:
     """Usual transit of the items, which is the time from t1 to t3 in ns.
 
-    `ItemTracker` describes the parameters.
+    See `ItemTracker` for the parameters.
     """
 
     def __init__(self, max_transit: int, belt_lengths: float) -> None:
@@ -41,9 +41,9 @@ class UsualTransit:
     def of(self, item: TrackedItem) -> int | None:
         """Return the expected transit of an item in ns, or None if it is unknown.
 
-        The expected transit is the usual transit. While no usual transit is known, the transit is
-        estimated from the time for which `item` blocked the infeed eye, if the length of the
-        products and this time are known. The estimate is limited to `max_transit`.
+        The expected transit is the usual transit. While no usual transit is known, the expected
+        transit is estimated from the time for which `item` blocked the infeed eye. The estimate
+        requires t1, t2 and the length of the products, and is limited to `max_transit`.
         """
         if self.value is None and self._belt_lengths and item.length > 0:
             return min(round(item.length * self._belt_lengths), self.max_transit)
@@ -52,9 +52,9 @@ class UsualTransit:
     def learn(self, item: TrackedItem, transit: int) -> None:
         """Update the usual transit by the transit of an item in ns.
 
-        A transit is an outlier if it differs by a factor above 1.5 from the usual transit, and from
-        the outlier directly before it if there is one. An outlier does not change the usual
-        transit. Any other transit becomes the usual transit, as does the first transit.
+        A transit that differs from the usual transit by a factor above 1.5 is an outlier, unless
+        the previous transit was a similar outlier. An outlier does not change the usual transit.
+        Any other transit becomes the usual transit, as does the first transit.
         """
         known = [usual for usual in (self.value, self._outlier) if usual is not None]
         item.outlier = self.value is not None and not any(
@@ -119,18 +119,19 @@ class Belt:
         self.covered = False  # whether an unknown or abandoned item blocks the outfeed eye
         self.entered_last: TrackedItem | None = None
         self.left_last: TrackedItem | None = None
-        # Latest item with t1. Unlike `entered_last`, it is kept when the clock changes.
+        # Latest item with t1. Unlike `entered_last`, `begun` is kept when the clock changes.
         self.begun: TrackedItem | None = None
-        # Latest time in ns at which an unknown item left, or the last item left once more after
-        # chatter of the eye, or the scale showed an empty belt. None if there is no such time.
+        # Latest time in ns of one of these events, or None: an unknown item left, the last item
+        # left again after chatter of the eye, or the scale showed an empty belt.
         self.freed: int | None = None
         # Time in ns of the first edge of the infeed eye, if this edge cleared the eye and waits for
-        # `settle_first`, otherwise None. Such an edge may only show the initial state of the eye.
+        # `settle_first`, otherwise None. A first edge that clears the eye may only show the initial
+        # state of the eye.
         self.cleared_first: int | None = None
         # Whether the clock has changed and the infeed eye has had no edge since then.
         self.clock_is_new = False
-        # Whether abandoned items may still be on the belt. This is so if they were abandoned
-        # because of a jump of the clock, which does not stop the belt.
+        # Whether abandoned items may still be on the belt, because a jump of the clock does not
+        # stop the belt.
         self.runs_on = False
         self.recent: deque[TrackedItem] = deque(maxlen=_KNOWN_ITEMS)
         self.unsettled: deque[TrackedItem] = deque()  # items whose numbers may still change
@@ -213,8 +214,8 @@ class Belt:
     def give_up_unloaded(self, stamp: int) -> None:
         """Give up all items if the scale shows at `stamp`, in ns, that the belt is empty.
 
-        Otherwise a wrong or unknown transit would have a lasting effect, because each outfeed edge
-        would be assigned to the item ahead of the correct one.
+        If items that have left were not given up, each later outfeed edge would be assigned to the
+        item ahead of the correct one.
         """
         if not self.items or not self.unloaded(self.items[0].entered, stamp):
             return
@@ -246,10 +247,10 @@ class Belt:
     def forget_clock(self, *, backwards: bool) -> None:
         """Discard the departure times and the usual transit, because the clock has changed.
 
-        The last items that entered and left are discarded too. The items that were given up get the
-        state ABANDONED, so that an edge is assigned to one of them only if no other item fits. If
-        the clock has gone `backwards`, the recent items and the times of the edges of the eyes are
-        discarded as well.
+        The last item that entered and the last item that left are discarded too. The items that
+        were given up get the state ABANDONED, so that an edge is assigned to one of them only if no
+        other item fits. If the clock has gone `backwards`, the recent items and the times of the
+        edges of the eyes are discarded as well.
         """
         self.entered_last = self.left_last = self.freed = None
         self.clock_is_new = True
@@ -269,8 +270,8 @@ class Belt:
     def clear(self, edge: EyeEdge) -> None:
         """Mark the eye of a clearing edge as clear.
 
-        The time of an edge of the outfeed eye also becomes `left_before` of each item on the belt
-        for which `others_there` is true, because the item at the outfeed eye has now left.
+        An edge of the outfeed eye also sets `left_before` of each item on the belt for which
+        `others_there` is true, because the item at the outfeed eye has now left.
         """
         if edge.eye == Eye.INFEED:
             self.at_infeed = None
@@ -283,7 +284,7 @@ class Belt:
     def drop_given_up(self) -> bool:
         """Remove given-up and abandoned items, whose state becomes GONE.
 
-        Returns whether one of them may be the item that is leaving now.
+        Returns whether one of the removed items may be the item that is leaving now.
         """
         ambiguous = bool(self.given_up or (self.runs_on and self.abandoned))
         _set_state((*self.given_up, *self.abandoned), State.GONE)

@@ -21,7 +21,7 @@ def departure_before(belt: Belt, stamp: int) -> int | None:
 
 
 def last_departure(belt: Belt, stamp: int) -> int | None:
-    """Return the time of the last departure, or `stamp` if it is earlier; both are in ns.
+    """Return the earlier of the time of the last departure and `stamp`, both in ns.
 
     The result is None if no departure time is known.
     """
@@ -34,8 +34,9 @@ def last_departure(belt: Belt, stamp: int) -> int | None:
 def is_next_departure(belt: Belt, stamp: int) -> bool:
     """Return whether the first item on the belt is expected to clear the outfeed eye at `stamp`.
 
-    If so, the edge with which this item blocked the eye was lost. `stamp` is in ns. The result is
-    False if the belt is empty, or if the first item still blocks the infeed eye.
+    If the result is True, the edge at which this item blocked the outfeed eye was lost. `stamp` is
+    in ns. The result is False if the belt is empty, or if the first item still blocks the infeed
+    eye.
     """
     if not belt.items or belt.items[0] is belt.at_infeed:
         return False
@@ -54,8 +55,8 @@ def take_leaving(belt: Belt, stamp: int) -> TrackedItem:
 
     The edge at `stamp`, in ns, is assigned to the item whose transit up to this edge is nearest to
     its expected transit. An item that is still entering is considered only if it is the first item
-    on the belt. If no item that is considered has a known expected transit, the edge is assigned to
-    the first item. The belt must not be empty.
+    on the belt. If the expected transits of all considered items are unknown, the edge is assigned
+    to the first item. The belt must not be empty.
     """
     deviations = {0: math.inf}
     for i, candidate in enumerate(belt.items):

@@ -26,7 +26,7 @@ class EdgeQueue:
         self._lateness = lateness
         self._edges: list[EyeEdge] = []
         self._strays: list[EyeEdge] = []
-        # Largest stamp in ns since the clock last changed, or -inf if there is none.
+        # Largest stamp in ns of the edges since the clock last changed, or -inf without edges.
         self._newest = -math.inf
 
     @property
@@ -35,7 +35,7 @@ class EdgeQueue:
         return not self._edges
 
     def add(self, edge: EyeEdge) -> None:
-        """Add an edge. It becomes a stray if it is more than `lateness` before the newest stamp."""
+        """Add an edge, as a stray if its stamp is more than `lateness` before the newest stamp."""
         if edge.stamp < self._newest - self._lateness:
             self._strays.append(edge)
         else:
@@ -71,9 +71,10 @@ class EdgeQueue:
         return self.pop_while(lambda edge: True)
 
     def pop_of_new_clock(self, stamp: int, *, forward: bool) -> list[EyeEdge]:
-        """Remove and return the edges of the new clock, which has jumped to `stamp` in ns.
+        """Remove and return the edges after a jump of the clock to `stamp` in ns.
 
-        After a jump `forward`, these are the edges from `stamp` on. Otherwise they are the strays.
+        If the clock has jumped `forward`, the edges from `stamp` on are returned, otherwise the
+        strays.
         """
         if forward:
             position = bisect_left(self._edges, stamp, key=_STAMP)

@@ -23,7 +23,7 @@ class Switch:
 
 
 class Eyes:
-    """Latest edges of both eyes. The parameters are described at `ItemTracker`."""
+    """Latest edges of both eyes. See `ItemTracker` for the parameters."""
 
     def __init__(self, debounce: int, max_transit: int) -> None:
         self.debounce = debounce
@@ -38,7 +38,7 @@ class Eyes:
 
     @property
     def any_blocked(self) -> bool:
-        """Whether an eye is blocked."""
+        """Whether at least one eye is blocked."""
         return any(edge.blocked for edge in self.youngest.values())
 
     def is_new(self, edge: EyeEdge) -> bool:
@@ -51,17 +51,18 @@ class Eyes:
         return True
 
     def take(self, edge: EyeEdge) -> EyeEdge | None:
-        """Store an edge as the youngest of its eye, and return the previous one, or None."""
+        """Store an edge as the youngest of its eye, and return the previous youngest, or None."""
         previous = self.youngest.get(edge.eye)
         self.youngest[edge.eye] = self.latest[edge.eye] = edge
         self._first.setdefault(edge.eye, edge.stamp)
         return previous
 
     def flickers(self, switch: Switch) -> bool:
-        """Return whether an edge is chatter, because it follows the previous edge too soon.
+        """Return whether an edge follows the previous edge so soon that it is chatter.
 
-        The limit is the debounce time. It is twice this time if both edges have the same direction,
-        because an edge between them was lost. The result is False without a previous edge.
+        The limit is the debounce time. If both edges have the same direction, the limit is twice
+        the debounce time, because an edge between them was lost. The result is False without a
+        previous edge.
         """
         previous = switch.previous
         if previous is None:
@@ -74,7 +75,8 @@ class Eyes:
 
         The caller must ensure that this clearing edge is the first edge of the eye. The edge only
         shows the initial state if it is less than `max_transit` before or at most `debounce` after
-        the first sample, or if it is within `debounce` of the first edge of the other eye.
+        the first sample. An edge within `debounce` of the first edge of the other eye also only
+        shows the initial state.
         """
         if self.origin is not None and -self._max_transit < stamp - self.origin <= self.debounce:
             return True

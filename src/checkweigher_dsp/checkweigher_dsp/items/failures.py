@@ -23,7 +23,8 @@ class Failures:
 
     If the function `work` raises an exception, the function `fault` returns the result of the item,
     with the reason StageFailed. The function `report` is called with the number of the item and the
-    exception. `RejectMonitor` stops the line after two such items in succession.
+    exception. `RejectMonitor` requests a stop after two successive items with the reason
+    StageFailed.
     """
 
     report: Callable[[int, Exception], None]
@@ -37,7 +38,7 @@ class Failures:
     ) -> list[B]:
         """Apply `work` to each item and its arguments from `more`, and return the results.
 
-        Raises `ValueError` if an iterable in `more` and `items` differ in length.
+        Raises `ValueError` if an iterable in `more` does not have the length of `items`.
         """
         results = []
         for item, *others in zip(items, *more, strict=True):
@@ -56,13 +57,13 @@ class Failures:
     ) -> list[B]:
         """Process all items in one call of `work`, and return the results.
 
-        If this call raises an exception, `work` is called again for each item alone. So `work` must
-        not keep a state between calls.
+        If this call raises an exception, `work` is called again for each item alone. Therefore
+        `work` must not keep a state between calls.
         """
         try:
             return list(work(items))
         except Exception:
-            # Process the items one by one, so that only those that cause an exception fail.
+            # Process the items one by one, so that only items that cause an exception fail.
             return self.each(lambda item: work([item])[0], fault, items)
 
 

@@ -34,11 +34,11 @@ class TrackedItem:
     t2: int | None = None  # time at which the item is fully on the belt
     t3: int | None = None  # time at which the item begins to leave
     t4: int | None = None  # time at which the item has left.
-    # Reasons why the item cannot be weighed, in the order of their detection. They are the keys of
-    # a dictionary, because a set would not keep the order.
+    # Reasons why the item cannot be weighed, in the order of their detection. The reasons are the
+    # keys of a dictionary, because a set would not keep their order.
     faults: dict[Reason, None] = field(default_factory=dict)
-    # Time at which the previous item left, or None if it is unknown. With `others_there`, this time
-    # may be after t1.
+    # Time at which the previous item left, or None if it is unknown. If `others_there` is true, the
+    # previous item may have left after t1.
     left_before: int | None = None
     others_there: bool = False  # whether another item may have been at the outfeed eye at t1
     usual_transit: int | None = None  # usual transit of earlier items when this item began to leave
@@ -47,8 +47,8 @@ class TrackedItem:
     # leave only after it was given up.
     outlier: bool = False
     state: State = State.ON_BELT
-    # Shift of the weigh window behind the edges, because the load lags behind the edges. It is None
-    # before the rise of the load is compared with the edges.
+    # Shift in ns of the weigh window behind the edges, because the load lags behind the edges. The
+    # shift is None before the rise of the load is compared with the edges.
     shift: int | None = None
     shift_std_dev: float = 0.0  # standard deviation of the shift in s
 

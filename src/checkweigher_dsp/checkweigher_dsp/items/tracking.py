@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Item tracking, which assigns photo-eye edges to items.
 
-An item has four edges. It blocks the infeed eye at t1, when it begins to enter, and clears this eye
-at t2, when it is fully on the belt. It blocks the outfeed eye at t3, when it begins to leave, and
-clears this eye at t4, when it has left.
+An item blocks the infeed eye at t1, when it begins to enter, and clears this eye at t2, when it is
+fully on the belt. The item blocks the outfeed eye at t3, when it begins to leave, and clears this
+eye at t4, when it has left.
 """
 
 from collections.abc import Callable
@@ -28,7 +28,7 @@ class ItemTracker:
     An eye that clears for less than `debounce`, in ns, chatters. An item that has not reached the
     outfeed eye after `max_transit`, in ns, is given up. `count` is the number of the last item
     before this tracker was created, or 0. `belt_lengths` is the length of the belt divided by the
-    length of a product, or 0 if the latter is unknown. See `Belt` for `unloaded`.
+    length of a product, or 0 if the length of a product is unknown. See `Belt` for `unloaded`.
     """
 
     def __init__(

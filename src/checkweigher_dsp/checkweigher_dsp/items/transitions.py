@@ -3,8 +3,8 @@
 """Transition table of item tracking, with the meaning of each edge and the next state of its item.
 
 `TRANSITIONS` lists the cases of each kind of edge. The cases are tried in order, and the first case
-that holds is applied. The reasons of a case are the faults that it may add to items;
-docs/reasons.md describes them.
+that holds is applied. The reasons of a case are the faults that its action may add to items; see
+docs/reasons.md.
 """
 
 from collections.abc import Callable
@@ -29,9 +29,9 @@ _FLICKERS = 2  # longest chatter of an eye at the end of an item, in debounce ti
 class Transition:
     """Case of the transition table.
 
-    The function `action` applies the edge if the case holds. It then returns the item that the edge
-    belongs to, or True if the edge belongs to no known item. If the case does not hold, it returns
-    None or False.
+    If the case holds, the function `action` applies the edge, and returns the item that the edge
+    belongs to, or True if the edge belongs to no known item. If the case does not hold, `action`
+    returns None or False.
     """
 
     action: Callable[[Belt, Switch], TrackedItem | bool | None]
@@ -62,8 +62,8 @@ def apply_edge(belt: Belt, edge: EyeEdge) -> None:
 def settle_first(belt: Belt) -> None:
     """Add the item whose clearing edge was the first edge of the infeed eye.
 
-    No item is added if no such edge waits in ``belt.cleared_first``, or if the edge only shows the
-    initial state of the eye.
+    No item is added if ``belt.cleared_first`` is None, or if the edge only shows the initial state
+    of the eye.
     """
     stamp, belt.cleared_first = belt.cleared_first, None
     if stamp is not None and not belt.eyes.shows_state(stamp):
@@ -83,8 +83,8 @@ def settle(belt: Belt, stamp: int) -> list[TrackedItem]:
     """Return the items whose numbers can no longer change after `stamp` in ns.
 
     A number changes if the newest item turns out to be a flicker of the eye at the end of the
-    previous item. A flicker blocks the infeed eye for less than two debounce times. It can continue
-    only within two debounce times after the eye has cleared.
+    previous item. A flicker blocks the infeed eye for less than two debounce times. A flicker can
+    continue only within two debounce times after the infeed eye has cleared.
     """
     settled = []
     while belt.unsettled and _is_settled(belt, belt.unsettled[0], stamp):
@@ -108,8 +108,8 @@ def _merge_flicker(belt: Belt) -> None:
     """Merge the newest item into the previous item if the newest item is a flicker of the eye.
 
     The newest item is a flicker if the clearing edge of the previous item was lost, and if the
-    newest item blocked the infeed eye for less than the debounce time. The limit is twice the
-    debounce time if the newest item has the fault CHATTERING_EYE.
+    newest item blocked the infeed eye for less than the debounce time. If the newest item has the
+    fault CHATTERING_EYE, less than twice the debounce time is sufficient.
     """
     others = [*belt.given_up, *belt.items[:-1]]
     if not belt.items or not others or belt.items[-1].item_id != belt.count:
@@ -153,8 +153,8 @@ def _longest_departure(belt: Belt, item: TrackedItem, stamp: int) -> int:
     known = not item.outlier and not set(item.faults) - {Reason.DISTANCE_FAULT}
     span = max(item.length if known else 0, belt.eyes.debounce)
     if item is belt.at_outfeed and is_none_due(belt, stamp):
-        # No other item can have caused the edge. So this item blocks the eye again, and the edge
-        # with which it cleared the eye was lost.
+        # No other item can have reached the outfeed eye. So this item blocks the eye again, and its
+        # clearing edge was lost.
         span = max(span, 2 * item.length or belt.transit.value or 0)
     return span
 
@@ -242,7 +242,10 @@ def _enter_unseen(belt: Belt, switch: Switch) -> TrackedItem:
 
 
 def _cover(belt: Belt, switch: Switch) -> bool:
-    """Mark the eye as blocked by an unknown item if it flickers and no known item has left yet."""
+    """Mark the outfeed eye as blocked by an unknown item if the eye flickers.
+
+    The eye is not marked if a known item has left.
+    """
     if belt.left_last is not None or not belt.eyes.flickers(switch):
         return False
     belt.covered = True
@@ -277,7 +280,7 @@ def _leave_late(belt: Belt, switch: Switch) -> TrackedItem | None:
         return None
     item = gone.popleft()
     item.t3, item.t4, item.outlier = switch.stamp, None, True
-    belt.fault_all(Reason.DISTANCE_FAULT)  # The late item was on the belt with these items.
+    belt.fault_all(Reason.DISTANCE_FAULT)  # The late item was on the belt with the other items.
     return item
 
 
@@ -301,7 +304,7 @@ def _begin_to_leave(belt: Belt, switch: Switch, item: TrackedItem, ambiguous: bo
     item.t3 = switch.stamp
     item.usual_transit = belt.transit.value
     if ambiguous and belt.transit.of(item) is None:
-        item.fault(Reason.DISTANCE_FAULT)  # The item that leaves may also be a given-up one.
+        item.fault(Reason.DISTANCE_FAULT)  # The leaving item may be one that was given up.
     if item is belt.at_infeed:
         # The item is longer than the belt, or its clearing edge at the infeed eye was lost.
         item.fault(Reason.PRODUCT_TOO_LONG, Reason.MISSING_EDGE)
@@ -439,7 +442,7 @@ def apply_late_edge(belt: Belt, edge: EyeEdge) -> None:
 
 
 def _complete_entry(belt: Belt, edge: EyeEdge, youngest: EyeEdge | None) -> bool:
-    """Add an edge of the infeed eye to its item. Returns whether such an item is known."""
+    """Add an edge of the infeed eye to its item. Returns whether the item is known."""
     last, debounce = belt.entered_last, belt.eyes.debounce
     if edge.blocked:
         item = next((each for each in belt.recent if each.accounts_for(edge.stamp, debounce)), None)
@@ -468,7 +471,7 @@ def _lacks_t3(item: TrackedItem, stamp: int) -> bool:
 
 
 def _complete_departure(belt: Belt, edge: EyeEdge) -> None:
-    """Add an edge of the outfeed eye to its item if such an item is known."""
+    """Add an edge of the outfeed eye to its item if the item is known."""
     item = belt.at_outfeed
     if edge.blocked:
         if left := next((each for each in belt.recent if _lacks_t3(each, edge.stamp)), None):

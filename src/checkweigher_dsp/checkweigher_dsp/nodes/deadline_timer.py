@@ -36,7 +36,7 @@ class DeadlineTimer:
         self.clock.saw(stamp, time.monotonic_ns())
 
     def set(self, due: int | None, stamp: int | None) -> None:
-        """Set the timer to the earlier of two times, unless it is set to an earlier time.
+        """Set the timer to the earlier of two times, unless the timer is set to an earlier time.
 
         If neither time is known, the timer is cleared. `due` is a time on the clock of arrivals,
         and `stamp` a time on the clock of stamps. If the clock of stamps is not running, `due` and

@@ -13,8 +13,8 @@ from checkweigher_core.state_files import make_folder, state_file, sync_folder
 
 _LINE = 100  # length in bytes of the first line, which identifies the run
 _NUMBER = 21  # length in bytes of each further line, which contains one number.
-# First line of a file with a path. It replaces the identity of the run, because such a file is
-# valid in all runs.
+# First line of a file with a path. A file with a path is valid in all runs, so that its first line
+# does not identify a run.
 _KEPT = 'kept over runs'
 
 
@@ -23,9 +23,9 @@ class GivenNumbers:
 
     A run is one process of `run` or `ros2 launch`, which restarts its nodes. A restarted node
     continues the numbers. In the next run, the numbers begin at 1 unless a `path` is set. With a
-    path, an empty file with the suffix `.begun` shows that numbers were used. If the file with the
-    numbers is then damaged or missing, the number of milliseconds since 1970 is used as the last
-    number, because no line can have weighed more items.
+    path, an empty file with the suffix `.begun` shows that numbers were used. If numbers were used
+    and their file is damaged or missing, the last number is the number of milliseconds since 1970,
+    because no line can have weighed more items.
 
     `node` is the full name of the node, or empty if no numbers are stored. Without a `path`, the
     file is named after the node and its ROS `domain`. The file contains the `most` latest numbers.
@@ -59,8 +59,8 @@ class GivenNumbers:
     def _begin(self, file: int, run: str) -> bool:
         """Read the file, or write an empty one for a new run. Returns whether the file was intact.
 
-        A file is intact if its first line is that of this run, and if at least one of the other
-        lines contains a number or all of them are blank.
+        A file is intact if its first line identifies this run, and if its other lines are all blank
+        or at least one of them contains a number.
         """
         line = run[: _LINE - 1].ljust(_LINE - 1) + '\n'
         data = os.pread(file, _LINE + self._most * _NUMBER, 0).decode(errors='replace')
@@ -71,8 +71,8 @@ class GivenNumbers:
         # Ignore lines that are incomplete or were never written, which are not decimal numbers.
         found = {int(text): n for n, text in enumerate(places) if text.strip().isdecimal()}
         self.numbers = frozenset(found)
-        # If there is no blank line, overwrite the smallest number. Its line need not follow that of
-        # the largest number, because numbers are not always written in ascending order.
+        # If there is no blank line, overwrite the smallest number. The smallest number need not
+        # follow the largest, because numbers are not always written in ascending order.
         free = [place for place, text in enumerate(places) if not text.strip()]
         oldest = found[min(found)] if found else 0
         self._next = free[0] if free else oldest
@@ -80,13 +80,13 @@ class GivenNumbers:
         return bool(places) and (bool(found) or len(free) == len(places))
 
     def give(self, number: int) -> None:
-        """Write a number before it is used.
+        """Write a number to the file before the number is used.
 
         If the number cannot be written, `trouble` is set, and no further number is written. A
-        number that was written is stored even if the process is killed. The file does not grow, so
+        written number remains in the file even if the process is killed. The file does not grow, so
         that it can be written on a full disk. Only the first number after a start and the first
-        number of each thousand are synchronised with the disk. This suffices after a power failure,
-        because the segmenter continues at the next thousand.
+        number of each thousand are synchronised with the disk. Numbers that are lost in a power
+        failure are not used again, because the segmenter continues at the next thousand.
         """
         if self._file is None:
             return
@@ -112,7 +112,10 @@ class GivenNumbers:
 
 
 def open_numbers(node: PortNode, path: str, most: int = 1) -> GivenNumbers:
-    """Return the file with the numbers of a node. The node logs a problem as a warning."""
+    """Return the file with the numbers of a node.
+
+    The node logs a problem with the file as a warning.
+    """
     name, domain = node.get_fully_qualified_name(), node.context.get_domain_id()
     numbers = GivenNumbers(name, domain, path, most)
     if numbers.trouble:

@@ -44,14 +44,14 @@ class IdentifierNode(StageNode[IdentifierParameters]):
     def start(self) -> None:
         """Start to publish diagnostics, and write the learned state to the audit log.
 
-        A learned state that was read from the file is written if it is used for weighing, or if a
-        change of the machine was detected.
+        A learned state that was read from the file is written to the audit log if it is used for
+        weighing, or if a change of the machine was detected.
         """
         super().start()
         self._note_learned()
 
     def destroy_node(self) -> None:
-        """Destroy the node after the learned state is written to its file."""
+        """Write the learned state to its file, and destroy the node."""
         self._record.close()
         super().destroy_node()
 
@@ -70,7 +70,7 @@ class IdentifierNode(StageNode[IdentifierParameters]):
             if self._record.trouble:
                 self.warn(self._record.trouble)
         self._identifier = Identifier(self.parameters, known, Failures(self.item_failed))
-        # Reset the statistics, because those of different estimators cannot be compared.
+        # Reset the statistics, because different estimators cannot be compared.
         self._convergence = ConvergenceWatch()
 
     def _on_window(self, window: WeighWindow) -> None:

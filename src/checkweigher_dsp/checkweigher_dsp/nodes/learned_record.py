@@ -29,7 +29,7 @@ class LearnedRecord:
         try:
             if wanted != NONE:
                 self._path = Path(wanted) if wanted else state_file(f'{node.strip("/")}.learned')
-        except RuntimeError as error:  # `state_file` raises this if the user has no home folder.
+        except RuntimeError as error:  # `state_file` fails if the user has no home folder.
             self._fail(error)
 
     def read(self) -> LearnedKinds | None:
@@ -45,9 +45,10 @@ class LearnedRecord:
         return None
 
     def write(self, known: LearnedKinds, *, now: bool = False) -> None:
-        """Replace the content of the file in the background. With `now`, wait until it is written.
+        """Replace the content of the file in the background.
 
-        If there is no file, nothing is written. If the file cannot be written, `trouble` is set.
+        If `now` is true, wait until the file is written. If the node uses no file, nothing is
+        written. If the file cannot be written, `trouble` is set.
         """
         if self._path is not None:
             written = self._writer.submit(self._write, self._path, known)

@@ -16,7 +16,7 @@ from checkweigher_core.ros.outputs import Input
 from checkweigher_core.ros.port_node import PortNode
 from checkweigher_dsp.rejection.permission import PermissionRule
 
-_PERIOD = round(0.1 * NANOSECONDS)  # interval between two messages in ns.
+_PERIOD = round(0.1 * NANOSECONDS)  # interval between two permission messages in ns.
 # Longest age of a sign of life in s. A stage sends a sign of life every 0.2 s, or later if a long
 # block of samples delays it.
 _FRESH_TIME = 0.4
@@ -64,8 +64,8 @@ class PermissionGiver:
     def give(self) -> None:
         """Send the permission, or its withdrawal."""
         for stage, entry in self._stages.items():
-            # A stage in this process needs no signs of life, because this timer also stops if the
-            # stage hangs.
+            # A stage in this process needs no signs of life, because the timer of this node also
+            # stops if the stage hangs.
             if entry.makers:
                 self._add_sign(stage, None)
         present = {name: entry.count() > 0 for name, entry in self._publishers.items()}

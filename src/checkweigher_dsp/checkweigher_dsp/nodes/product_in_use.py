@@ -35,7 +35,7 @@ class ProductInUse:
             self._output.send(shown)
 
     def _on_product(self, product: ProductOnLine) -> None:
-        """Apply the limits of a product, or only its counts if it is already in use."""
+        """Apply the limits of a product, or only its counts if the product is already in use."""
         node, in_use = self._node, self._stage.product
         if not (node.parameters.needs_product or in_use.stamp):
             node.get_logger().warning(

@@ -38,15 +38,15 @@ class RejectNode(ManagedStageNode[RejectParameters]):
     """Node that publishes the verdict on each announced item in time for the rejector.
 
     The segmenter announces an item by a message on the topic `items`. The node requests a stop of
-    the line while it is not active. With `keep_numbers` or the parameter `numbers`, it stores the
-    numbers of items with a verdict in a file. The next process of the node reads this file and the
-    latched announcements, and publishes the missing verdicts.
+    the line while it is not active. With `keep_numbers` or the parameter `numbers`, the node stores
+    the numbers of items with a verdict in a file. The next process of the node reads this file and
+    the latched announcements, and publishes the missing verdicts.
     """
 
     def __init__(
         self, overrides: dict[str, object] | None = None, *, keep_numbers: bool = False
     ) -> None:
-        # Set the file first, because `destroy_node` needs it even if a parameter is invalid.
+        # Set `_numbers` first, because `destroy_node` needs it even if a parameter is invalid.
         self._numbers = GivenNumbers()
         super().__init__(RejectParameters, overrides=overrides)
         if keep_numbers or self.parameters.numbers:
@@ -58,7 +58,7 @@ class RejectNode(ManagedStageNode[RejectParameters]):
         )
         self._timer = DeadlineTimer(self, self._tick, running=self.parameters.deadlines)
         self._stream = 0
-        # Subscribe to the product before the estimates, so that it is processed first if both wait.
+        # Subscribe to the product first, so that a waiting product is processed before estimates.
         self._product = ProductInUse(self, self._stage)
         load_cell = self.subscribe(ports.LOAD_CELL_INFO, self._on_load_cell)
         driver = self.subscribe(ports.DRIVER_STATUS, self._on_driver_status)
@@ -203,8 +203,8 @@ class RejectNode(ManagedStageNode[RejectParameters]):
     def _update(self) -> None:
         """Pass the reasons for a stop to the monitor, publish its request, and set the timer.
 
-        If the node is not active, the foreign nodes and the state of the inspection devices are
-        passed to the stage, but no request is published and the timer is not set.
+        The stage also receives whether there are foreign nodes, and the state of the inspection
+        devices. If the node is not active, no request is published and the timer is not set.
         """
         stage, monitor = self._stage, self._monitor
         stage.foreign = bool(monitor.strangers)

@@ -36,12 +36,12 @@ from checkweigher_dsp.segmentation.parameters import SegmenterParameters
 from checkweigher_dsp.segmentation.segmenter import Segmenter
 
 _MAX_EARLY = 1_000  # maximum number of blocks and edges that wait for load_cell/info.
-# The status is sent with the samples instead of by a timer, because a replay waits for it, and
-# because the permission to run the line must expire if no samples arrive.
+# The node sends its status with the samples, not by a timer, because a replay waits for the status.
+# In addition, the permission to run the line must expire if no samples arrive.
 _STATUS_INTERVAL = 0.2  # duration in s of the signal between two status messages
 _STATUS_BLOCKS = 100  # largest number of blocks between two status messages
 _ANSWER_PERIOD = 0.01  # interval between two checks of the connections in s
-_ZERO_PATIENCE = 15.0  # timeout in s of the service zero.
+_ZERO_PATIENCE = 15.0  # timeout in s of the service `zero`.
 # Time in s without samples after which items are announced by their edges alone.
 _STALL_TIME = 0.1
 _END_PATIENCE = 2.0  # timeout in s for the missing records of a stream that has ended
@@ -53,13 +53,13 @@ class SegmenterNode(StageNode[SegmenterParameters]):
     def __init__(
         self, overrides: dict[str, object] | None = None, *, keep_numbers: bool = False
     ) -> None:
-        # Set the file first, because `destroy_node` needs it even if a parameter is invalid.
+        # Set `_numbers` first, because `destroy_node` needs it even if a parameter is invalid.
         self._numbers = GivenNumbers()
         super().__init__(SegmenterParameters, read_only=True, overrides=overrides)
         self._count = 0  # number of the last item of earlier streams
         if keep_numbers or self.parameters.numbers:
             self._numbers = open_numbers(self, self.parameters.numbers)
-        if self._numbers.last:  # A restarted node continues at the next thousand.
+        if self._numbers.last:  # The numbers continue at the next thousand after a restart.
             self._count = (self._numbers.last // NUMBERS_AT_ONCE + 1) * NUMBERS_AT_ONCE - 1
         self._segmenter: Segmenter | None = None
         self._watch = SegmenterWatch(self.parameters, time.monotonic())
@@ -129,9 +129,10 @@ class SegmenterNode(StageNode[SegmenterParameters]):
             self._on_event(self._early.popleft())
 
     def _start(self, load_cell: LoadCell) -> None:
-        """Begin a new stream. Items of the previous stream still on the belt become faults.
+        """Begin a new stream.
 
-        Requests to set the zero fail, because they belong to the previous stream.
+        Items of the previous stream that are still on the belt become faults. Waiting requests to
+        set the zero fail, because they belong to the previous stream.
         """
         self._watch.begin_stream(time.monotonic(), load_cell)
         before = self._segmenter
@@ -164,7 +165,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
         if (
             signal >= _STATUS_INTERVAL * segmenter.load_cell.sample_rate
             or self._blocks_since_report >= _STATUS_BLOCKS
-            # Without a status, the node reject would assume that the leaving item is unknown.
+            # Without a status, the node `reject` would assume that the leaving item is unknown.
             or segmenter.leaving_since not in (None, leaving)
         ):
             self._publish_status(StreamState.RUNNING)
@@ -212,9 +213,9 @@ class SegmenterNode(StageNode[SegmenterParameters]):
     def _answer(self) -> None:
         """Notify the driver that its stream can begin, as soon as all connections are complete.
 
-        Until then, the connections are checked every 0.01 s. The driver knows whether its
+        Incomplete connections are checked again every 0.01 s. The driver knows whether its
         publishers have found the subscriptions of this node. Only this node knows whether its
-        subscriptions have found the publishers.
+        subscriptions have found the publishers of the driver.
         """
         if self._segmenter is None or any(entry.count() == 0 for entry in self._events):
             self._answer_timer.set(_in(_ANSWER_PERIOD))
@@ -224,7 +225,7 @@ class SegmenterNode(StageNode[SegmenterParameters]):
     def _finish_if_ended(self) -> None:
         """Finish the stream if all records that the driver sent have been processed.
 
-        Otherwise wait for the missing records for another 2 s.
+        If records are missing, wait for them for another 2 s.
         """
         if self._end is None or self._segmenter is None:
             return

@@ -31,8 +31,9 @@ class StopRequests:
     """Output of the stop request of a monitor, and the service that resets the request.
 
     While `active` is false, the node requests a stop. `driver` is the input for the driver status.
-    The function `update` is called after each check of the reasons, and must call `show`. The
-    function `shown` is called after each published change of the request, and after the start.
+    The function `update` is called after each check of the reasons for a stop, and must call
+    `show`. The function `shown` is called after each published change of the request, and by
+    `begin`.
     """
 
     def __init__(

@@ -16,7 +16,7 @@ _UNNAMED = '_NODE_NAME_UNKNOWN_'  # node name of a publisher whose node is not k
 
 
 def strangers(publishers: Iterable[str], maker: str) -> list[str]:
-    """Return the names of the nodes that publish a topic, apart from `maker`, its proper node.
+    """Return the names of the nodes, other than `maker`, that publish a topic of `maker`.
 
     If all publishers have the same name, there is no stranger, even if the name is not `maker`.
     Several publishers of one name are permitted, because DDS lists the publisher of a killed node
@@ -38,7 +38,7 @@ class StrangerWatch:
         self.found = ''  # strangers of the last check with their topics, or empty
 
     def look(self) -> str:
-        """Return a text with the strangers that publish watched topics, and with these topics.
+        """Return a text with the strangers and the topics that they publish.
 
         The text is empty if there are no strangers.
         """
@@ -55,6 +55,6 @@ class StrangerWatch:
         return self.found
 
     def finding(self) -> Finding:
-        """Return the finding on the aspect Publishers, from the last call of `look`."""
+        """Return the finding on the strangers that `look` found last (aspect Publishers)."""
         concern = error_if(bool(self.found), self.found, Reason.FOREIGN_PUBLISHER.hint)
         return conclude('Publishers', 'each topic of the line has one publisher', [concern])

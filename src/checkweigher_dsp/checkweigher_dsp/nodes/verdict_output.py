@@ -63,12 +63,12 @@ class VerdictOutput:
 
     def _store_number(self, verdict: Verdict) -> None:
         # Store the number immediately before the publication, because the process may be killed. If
-        # the number were stored after the publication, the item might get two verdicts. If it were
-        # stored while the output still holds the verdict, the item might get no verdict.
+        # the number were stored after the publication, the item might get two verdicts. If the
+        # number were stored while the output holds the verdict, the item might get no verdict.
         self._numbers.give(verdict.item_id)
 
     def findings(self, now: float) -> list[Finding]:
-        """Return the findings on the aspects Verdicts and Line."""
+        """Return the findings on the timing of the verdicts and on missing masses."""
         node = self._node
         no_masses = node.diagnostics.connections.lacks_input(ports.MASS_ESTIMATE)
         margin, deadlines = node.parameters.verdict_margin, node.parameters.deadlines

@@ -106,7 +106,7 @@ def broken_rules(mass: float, tally: BatchTally, product: ProductOnLine) -> tupl
 
 
 def count(mass: float, tally: BatchTally, product: ProductOnLine, *, accepted: bool) -> BatchTally:
-    """Return the counts after one more item with a mass in kg."""
+    """Return the counts after one more item, whose `mass` is in kg."""
     tally = replace(tally, items=tally.items + 1)
     if not accepted:
         return tally

@@ -12,8 +12,8 @@ from checkweigher_dsp.rejection.timing import ArrivalClock
 
 _PATIENCE = NANOSECONDS // 10  # waiting time in ns for the mass of an item without a reject time
 _PATIENCE_GIVEN_UP = NANOSECONDS  # waiting time in ns for the mass of an item without t3.
-# Waiting time in ns for an announcement after an outfeed edge. It is longer than the time after
-# which the segmenter announces items without their samples.
+# Waiting time in ns for an announcement after an outfeed edge, longer than the time after which the
+# segmenter announces items without their samples.
 _PATIENCE_UNTAKEN = 3 * NANOSECONDS // 10
 # Waiting time in ns for the first announcement, and for the announcement of an item whose estimate
 # has arrived.
@@ -55,7 +55,8 @@ class Deadlines:
     def add_item(self, item: Item, now: int | None) -> None:
         """Store the line speed of an announcement, and `now` if it is the first announcement.
 
-        `now` is the time of its arrival, or None without a clock. An unknown speed is not stored.
+        `now` is the time at which the announcement arrived, or None without a clock. An unknown
+        speed is not stored.
         """
         if self._heard is None:
             self._heard = now
@@ -66,7 +67,7 @@ class Deadlines:
         """Set the reject time of a complete item and, unless `now` is None, its deadline.
 
         If the reject time or the arrival of the outfeed edge is unknown, the deadline is a fixed
-        time after `now`. Otherwise the time after which the verdict is late is set as well.
+        time after `now`. If the reject time and the arrival are known, `late_from` is set as well.
         """
         t3, speed = pending.item.t3, pending.item.line_speed
         pending.reject_at = reject_at = self.parameters.reject_time(t3, speed)
@@ -102,8 +103,8 @@ class Deadlines:
 
         `over` is the stamp at which the answer times of all devices are over, or None if the
         verdict waits for no device. Returns whether the verdict waits. The verdict does not wait
-        beyond the deadline of the item. It does not wait at all without `now`, or before the first
-        edge of the stream has arrived.
+        beyond the deadline of the item. The verdict does not wait at all if `now` is None, or
+        before the first edge of the stream has arrived.
         """
         ready = None if over is None else self._arrivals.at(over)
         if now is None or ready is None or ready <= now:
@@ -116,7 +117,7 @@ class Deadlines:
         """Return whether a verdict is too late for the rejector or its station.
 
         `late_from` is the arrival time after which the verdict is too late for the rejector, or
-        None if this time is not stored for the item. Without `now`, the result is False.
+        None if this time is not stored for the item. If `now` is None, the result is False.
         """
         if now is None:
             return False

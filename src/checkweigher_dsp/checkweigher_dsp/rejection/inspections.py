@@ -4,7 +4,7 @@
 
 The devices are installed at known distances before or behind the infeed eye. A device answers for
 an item within its answer time after the item has passed the device. The verdict on an item waits
-until the answer times of all devices are over, so that it does not change later. An item that a
+until the answer times of all devices are over, so that the verdict is final. An item that a
 device rejects is a FAULT with a reason for the device. An item is a FAULT with the reason
 NotInspected if its verdict is due before the answer times are over, or if a device was not running.
 """
@@ -70,7 +70,7 @@ class _Signal:
 
     reject: ExternalReject
     # Time in ns on the clock of arrivals at which the reject is removed. A reject that was not
-    # applied to an item by then counts as missed.
+    # applied to an item before it is removed counts as missed.
     forget_at: int
     used: bool = False  # whether the reject was applied to an item
 
@@ -80,26 +80,26 @@ class Inspections:
 
     def __init__(self, parameters: RejectParameters) -> None:
         self.parameters = parameters  # parameters, which may be replaced at any time.
-        # Stop request for the first missed reject, or None. The caller passes the request on and
-        # sets the attribute to None.
+        # Stop request for the first missed reject, or None. The caller must pass the request on and
+        # set `missed` to None.
         self.missed: StopRequest | None = None
         self._signals: deque[_Signal] = deque(maxlen=_MAX_SIGNALS)
         # Latest verdicts of this stream, which are final, with the passages of the items.
         self.judged: deque[tuple[Verdict, Passage | None]] = deque(maxlen=_MAX_JUDGED)
         # Periods in which at least one device did not run. Before the first report, the devices
-        # count as not running. The last period may not have ended.
+        # count as not running. The last period ends at `_EVER` until all devices run again.
         self._outages = deque([Span(-_EVER, _EVER)], maxlen=_MAX_OUTAGES)
 
     def look(self, conditions: MachineConditions, stamp: int, *, heard: bool) -> None:
         """Store whether all devices run at `stamp` in ns.
 
-        They run if `conditions` are known and contain no inspection fault, and if `heard` is true.
-        `heard` states whether a node publishes rejects.
+        The devices run if `conditions` are known and contain no inspection fault, and if `heard` is
+        true. `heard` states whether a node publishes rejects.
         """
         fault = StopReason.INSPECTION_FAULT in conditions.conditions
         running = conditions.known and not fault and heard
-        # Date an outage back by `_LATENESS`. The stamp is set by the latest edge, which may have
-        # arrived before the message that reports the outage.
+        # Date an outage back by `_LATENESS`, because the outage may have begun before the latest
+        # edge, which sets the stamp.
         self.set_running(running, stamp if running else stamp - _LATENESS)
 
     def set_running(self, running: bool, stamp: int) -> None:
@@ -113,8 +113,9 @@ class Inspections:
     def add(self, reject: ExternalReject, weigh_length: float | None, now: int) -> None:
         """Add a reject that arrived at `now`, possibly after the verdict on its item.
 
-        The reject is missed, and `missed` is set, if its item was already accepted, or if it names
-        neither an item nor a known device. `weigh_length` is the distance between the eyes in m.
+        The reject is missed, and `missed` is set, if its item was already accepted, or if the
+        reject names neither an item nor a known device. `weigh_length` is the distance between the
+        eyes in m.
         """
         for verdict, passage in reversed(self.judged):
             if self._is_of(reject, verdict.item_id, passage):
@@ -154,8 +155,9 @@ class Inspections:
     def heed(self, verdict: Verdict, passage: Passage | None, over: bool | None) -> Verdict:
         """Return a verdict, changed to a FAULT if a device rejected or did not inspect the item.
 
-        The mass is not changed. `over` is whether the answer times of all devices are over, or None
-        without a clock. If the `passage` is None, only rejects that name the item are applied.
+        The mass is not changed. `over` states whether the answer times of all devices are over, or
+        is None without a clock. If the `passage` is None, only rejects that name the item are
+        applied.
         """
         reasons = []
         for signal in self._signals:
@@ -191,7 +193,7 @@ class Inspections:
         return min((signal.forget_at for signal in self._signals if not signal.used), default=None)
 
     def advance(self, now: int) -> None:
-        """Remove the rejects that expire by `now`, and report those without an item as missed."""
+        """Remove the rejects that expire by `now`, and report rejects without an item as missed."""
         for signal in self._signals:
             if signal.forget_at <= now and not signal.used:
                 self._miss(signal.reject, signal.reject.item_id, 'no item was at the device')

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 from checkweigher_core.records import NUMBERS_AT_ONCE, Item, MassEstimate, Verdict
 
-# Maximum number of stored numbers of items with a verdict. It is larger than the number of messages
-# that the topic `items` can queue.
+# Maximum number of stored numbers of items with a verdict, above the number of messages that the
+# topic `items` keeps.
 MAX_JUDGED = 1_024
 _MAX_OWN = 1_000  # maximum number of stored numbers of items without an announcement
 
@@ -22,7 +22,7 @@ class PendingItem:
     reject_at: int | None = None  # reject time on the clock of the stamps
     due: int | None = None  # deadline of the verdict
     late_from: int | None = None  # time after which the verdict is late
-    ready: int | None = None  # time at which all inspection devices have answered
+    ready: int | None = None  # time at which the answer times of all devices are over
     by_mass: Verdict | None = None  # verdict on the mass, which waits for the inspection devices
 
 
@@ -36,13 +36,13 @@ class PendingItems:
     def __init__(self, judged: Iterable[int] = ()) -> None:
         # Items without a verdict by number, in the order of their announcement.
         self.pending: dict[int, PendingItem] = {}
-        # Numbers of items with a verdict, in the order of the verdicts. The value of each number is
-        # whether this process gave the verdict.
+        # Numbers of items with a verdict, in the order of the verdicts. The value of a number is
+        # True if this process gave the verdict.
         self._judged = dict.fromkeys(sorted(judged)[-MAX_JUDGED:], False)
-        # Numbers of items that received their verdict under another number. The caller empties the
-        # list.
+        # Numbers of items that received their verdict under another number. The caller must empty
+        # `passed_over`.
         self.passed_over: list[int] = []
-        self._forgotten = 0  # largest number with a verdict that is no longer stored.
+        self._forgotten = 0  # largest item number with a verdict that is no longer stored.
         # Numbers of items that no segmenter announced.
         self._own: deque[int] = deque(maxlen=_MAX_OWN)
         self.largest = max(self._judged, default=0)  # largest number so far
@@ -62,8 +62,8 @@ class PendingItems:
     def has_verdict(self, number: int) -> bool:
         """Return whether an item has a verdict.
 
-        All numbers up to the largest number that is no longer stored count as numbers of items with
-        a verdict.
+        An item whose number is at most the largest number that is no longer stored counts as an
+        item with a verdict.
         """
         return number in self._judged or number <= self._forgotten
 
@@ -89,10 +89,10 @@ class PendingItems:
     def unannounced(self, stamp: int, after: int) -> PendingItem | None:
         """Return a new item that no segmenter has announced, or None if no number is free.
 
-        `stamp` is the time of its outfeed edge in ns, and `after` is the largest item number when
-        this edge arrived. The new item gets the next free number above `after`. Only numbers below
-        the next multiple of `NUMBERS_AT_ONCE` are free, because a restarted segmenter continues
-        there. No number is free if `after` is 0, because no item number is known then.
+        `stamp` is the time in ns of the outfeed edge of the item, and `after` is the largest item
+        number when this edge arrived. The new item gets the next free number above `after`. Only
+        numbers below the next multiple of `NUMBERS_AT_ONCE` are free, because a restarted segmenter
+        continues there. No number is free if `after` is 0, because no item number is known then.
         """
         number = after + 1
         while self.has_verdict(number) or number in self.pending:
@@ -132,8 +132,8 @@ class EarlyEstimates:
     def add(self, estimate: MassEstimate, until: int | None) -> None:
         """Add an estimate.
 
-        `until` is the time on the clock of arrivals at which the estimate expires. If it is None,
-        the estimate does not expire.
+        `until` is the time on the clock of arrivals at which the estimate expires. If `until` is
+        None, the estimate does not expire.
         """
         self._waiting[estimate.item_id] = estimate, until
 
@@ -144,13 +144,13 @@ class EarlyEstimates:
 
     @property
     def due(self) -> int | None:
-        """Time at which the next estimate expires, or None."""
+        """Time in ns at which the next estimate expires, or None if no estimate expires."""
         return min(
             (until for _, until in self._waiting.values() if until is not None), default=None
         )
 
     def advance(self, now: int) -> None:
-        """Remove the estimates that have expired by `now`, and add their number to `unknown`."""
+        """Remove the estimates that have expired by `now`, and count them in `unknown`."""
         kept = {n: each for n, each in self._waiting.items() if each[1] is None or each[1] > now}
         self.unknown += len(self._waiting) - len(kept)
         self._waiting = kept

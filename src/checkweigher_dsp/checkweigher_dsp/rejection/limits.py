@@ -9,21 +9,21 @@ from checkweigher_core.records import Decision, Item, MassEstimate, ProductOnLin
 from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.rejection.parameters import RejectParameters
 
-# A standard deviation in kg is plausible if it does not exceed the mass, or if it does not exceed
-# this value.
+# Largest standard deviation in kg that is plausible for any mass. A larger standard deviation is
+# plausible if it does not exceed the mass.
 _NOISE = 1e-3
 
 
 def judge(estimate: MassEstimate, parameters: RejectParameters, product: ProductOnLine) -> Verdict:
     """Return the verdict on an estimate by the limits of the product.
 
-    An item without a mass is a FAULT. An item is also a FAULT, but with its mass, if its length or
-    speed is wrong, if its standard deviation is implausible, if no product is selected although one
-    is needed, or if a performance test is in progress. An item that only the guard band rejects
-    (JCGM 106:2012, 8.3) has the reason GuardBand.
+    An item without a mass is a FAULT. An item with a mass is a FAULT if its length or speed is
+    outside the limits, or if its standard deviation is implausible. An item is also a FAULT if a
+    required product is not selected, and during a performance test. An item that only the guard
+    band rejects (JCGM 106:2012, 8.3) has the reason GuardBand.
     """
     reasons = estimate.reasons or tuple(why.value for why in objections(estimate, product))
-    # Add this reason even without a mass, because such a pass also counts in the test.
+    # Add the reason PerformanceTest even without a mass, because the pass counts in the test.
     if product.performance_test:
         reasons = (Reason.PERFORMANCE_TEST.value, *reasons)
     low, high = product.lower_limit, product.upper_limit
@@ -63,9 +63,10 @@ def without_estimate(item: Item, reject_at: int | None, product: ProductOnLine) 
 
 
 def refused(verdict: Verdict) -> Verdict:
-    """Return a copy of a verdict that is a FAULT without a mass.
+    """Return a verdict changed to a FAULT without a mass.
 
-    Its first reason is ForeignPublisher, because a node outside the line publishes its topics.
+    The first reason of the FAULT is ForeignPublisher, because a node outside the line publishes
+    topics of the line.
     """
     reasons = tuple(dict.fromkeys((Reason.FOREIGN_PUBLISHER.value, *verdict.reasons)))
     return replace(
@@ -76,7 +77,7 @@ def refused(verdict: Verdict) -> Verdict:
 def objections(estimate: MassEstimate, limits: ProductOnLine) -> list[Reason]:
     """Return the reasons to reject a weighed item, apart from the limits of its mass."""
     length, largest = estimate.product_length, max(abs(estimate.mass), _NOISE)
-    # The comparison is False if the mass or its standard deviation is NaN.
+    # `certain` is False if the mass or its standard deviation is NaN.
     certain = math.isfinite(estimate.mass) and 0 <= estimate.std_dev <= largest
     found = [] if certain else [Reason.NO_CONVERGENCE]
     if limits.lacks_product:
@@ -96,8 +97,8 @@ def objections(estimate: MassEstimate, limits: ProductOnLine) -> list[Reason]:
 def tolerance(product: ProductOnLine) -> float:
     """Return the tolerance of a product in kg.
 
-    It is half the accepted range of masses, or the distance from the nominal weight to the lower
-    limit if there is a nominal weight and this distance is smaller. A missing limit counts as
+    The tolerance is half the accepted range of masses. With a nominal weight, the tolerance is at
+    most the distance from the nominal weight to the lower limit. A missing limit counts as
     infinite. The tolerance is not less than 0.
     """
     allowed = (product.upper_limit - product.lower_limit) / 2

@@ -44,8 +44,8 @@ class RejectMonitor:
     """Monitor of the rejector, which also collects the other reasons to stop the line.
 
     The monitor compares the verdicts with the edges of the eye behind the rejector. An edge belongs
-    to the item with the nearest reject time, within ``confirmation_time``. The edge is evaluated as
-    soon as no nearer item can follow.
+    to the item with the nearest reject time if they differ by at most ``confirmation_time``. An
+    edge is evaluated as soon as no item with a nearer reject time can follow.
     """
 
     def __init__(self, parameters: RejectParameters) -> None:
@@ -76,7 +76,7 @@ class RejectMonitor:
         return min(times) + 1 if times else None
 
     def add_verdict(self, verdict: Verdict) -> None:
-        """Add a verdict. Requests a stop after too many successive rejects or failures.
+        """Add a verdict, and request a stop after too many successive rejects or failures.
 
         A reject during a performance test is not counted. Unless ``confirmation_time`` is 0, the
         item is expected at the eye behind the rejector.
@@ -129,7 +129,7 @@ class RejectMonitor:
     def check(self, now: int) -> None:
         """Request a stop if there is a reason that persists until its cause is removed.
 
-        `now` is the time of the system clock in ns. Such reasons are problems of the driver,
+        `now` is the time of the system clock in ns. Persistent reasons are problems of the driver,
         conditions of the machine inputs, an overdue or failed performance test, foreign nodes, and
         an excessive step of the zero.
         """
@@ -173,7 +173,8 @@ class RejectMonitor:
     def reset(self, now: int) -> None:
         """Clear the stop request, the counters, and the edges and items that are not evaluated yet.
 
-        A persistent reason requests a stop again. `now` is the time of the system clock in ns.
+        If a reason persists, a stop is requested again. `now` is the time of the system clock in
+        ns.
         """
         self.request = None
         self._in_a_row = self._failed_in_a_row = 0
@@ -188,7 +189,8 @@ class RejectMonitor:
         """Assign an edge to the item with the nearest reject time.
 
         Returns whether there is an item whose reject time is within ``confirmation_time`` of the
-        edge. A rejected item is confirmed. For an accepted item, a stop is requested.
+        edge. If the item was rejected, it is marked as confirmed. If the item was accepted, a stop
+        is requested.
         """
         nearest = min(self._expected, key=lambda i: abs(i.reject_at - stamp), default=None)
         if nearest is None or abs(nearest.reject_at - stamp) > self._window:

@@ -8,7 +8,7 @@ import math
 
 from checkweigher_core.records import Eye, EyeEdge, Item
 
-# Shortest time in ns for which an eye clears between two items, above usual debounce times.
+# Shortest time in ns for which an eye is clear between two items, longer than usual debounce times.
 FLICKER = 20_000_000
 _MOST = 1_000  # maximum number of stored edges and items
 
@@ -88,7 +88,7 @@ class OutfeedWatch:
     def judge(self, t1: int | None, t3: int) -> None:
         """Store t1 and t3 in ns of an item whose verdict is given before its last announcement.
 
-        `t1` is None if it is unknown.
+        If t1 is unknown, `t1` is None.
         """
         self._judged.append((t1, t3))
 

@@ -24,9 +24,12 @@ _speed = partial(parameter, unit='m/s', minimum=0)
 class RejectParameters(Parameters):
     """Parameters of the reject stage: limits without a product, rejector, devices, stations.
 
-    Raises `ParameterError` if a value is not allowed, if lists that belong together differ in
-    length, if a device is named twice, if there are too many stations or one is not valid, if a
-    lower limit is above its upper limit, or if ``mean_value`` is True without a nominal weight.
+    Raises
+    ------
+    ParameterError
+        If a value is not allowed, if lists that belong together differ in length, if a device is
+        named twice, if there are too many stations or one is not valid, if a lower limit is above
+        its upper limit, or if ``mean_value`` is True without a nominal weight.
     """
 
     node: ClassVar[str] = 'reject'
@@ -170,7 +173,7 @@ class RejectParameters(Parameters):
             raise ParameterError(
                 f'reject.stations: {len(takes)} stations, but at most {MAX_STATIONS} are possible'
             )
-        # Compute the stations now, because this raises an exception if a description is not valid.
+        # Compute the stations now, to raise an exception if a description is not valid.
         _ = self.all_stations
         self._check_limits()
 

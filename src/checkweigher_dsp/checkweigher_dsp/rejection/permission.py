@@ -22,15 +22,15 @@ class PermissionRule:
     The line may run if all `stages` have sent a sign of life in the last `fresh_time` s, all inputs
     have a publisher, and no stop is requested. Without `deadlines`, only a stop request withdraws
     the permission. A status of the segmenter with a new number of processed samples is a further
-    sign of life, which must be as recent as those of the stages. All other times are in ns on a
-    monotonic clock.
+    sign of life, which must be as recent as the signs of the stages. Apart from `fresh_time`, times
+    are in ns on a monotonic clock.
     """
 
     def __init__(self, fresh_time: float, stages: Iterable[str] = (), *, deadlines: bool) -> None:
         self.deadlines = deadlines
         self._fresh_time = round(NANOSECONDS * fresh_time)
-        self._progress = (0, 0)  # stream and number of processed samples.
-        # Times in ns of the latest signs of life by stage, or None before the first one.
+        self._progress = (0, 0)  # stream and number of processed samples in the latest status.
+        # Time in ns of the latest sign of life of each stage, or None before its first sign.
         self._signs: dict[str, int | None] = dict.fromkeys((*stages, _SAMPLES))
         self._missing: tuple[str, ...] = ()
         self._given = False
@@ -51,7 +51,7 @@ class PermissionRule:
     def may_run(self, present: Mapping[str, bool], now: int, *, stopped: bool) -> bool:
         """Return whether the line may run at `now`.
 
-        `present` contains for each input whether it has a publisher, and `stopped` is whether a
+        `present` states for each input whether it has a publisher, and `stopped` states whether a
         stop is requested.
         """
         old = now - self._fresh_time
@@ -69,7 +69,7 @@ class PermissionRule:
         return max(oldest + self._fresh_time - now, 0)
 
     def finding(self) -> Finding:
-        """Return the finding on the aspect Permission, from the last call of `may_run`."""
+        """Return the finding on the last result of `may_run` (aspect Permission)."""
         concerns = [
             Concern(Level.WARN, f'withdrawn: no {name}', _HINTS.get(name, _STAGE_HINT))
             for name in self._missing

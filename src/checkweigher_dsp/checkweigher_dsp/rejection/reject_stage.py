@@ -22,13 +22,15 @@ from checkweigher_dsp.rejection.timing import belt_speed
 
 
 class RejectStage:
-    """Stage that gives one verdict on each item. An item without a mass in time is a FAULT.
+    """Stage that gives one verdict on each item, in time for the rejector.
+
+    An item whose mass does not arrive in time is a FAULT.
 
     Announcements, edges and estimates may arrive in any order, because an estimate waits for the
     announcement of its item. The argument `now` of the methods is the time of arrival in ns on a
     monotonic clock. The deadline of an item is computed from the time at which its outfeed edge
-    would have arrived without a transmission delay. Without `now`, no item has a deadline, and the
-    verdicts depend only on time stamps.
+    would have arrived without a transmission delay. If `now` is None, no item has a deadline, and
+    the verdicts depend only on time stamps.
 
     If an item leaves while the segmenter is delayed or has ended, the oldest announced item on the
     belt becomes a FAULT at the deadline. If no announced item is on the belt, the FAULT has the
@@ -51,10 +53,11 @@ class RejectStage:
         # Number of estimates, and number of announcements, that were repeated or arrived after the
         # verdict.
         self.late_estimates = self.late_items = 0
-        # Whether a foreign node may have sent edges or estimates. Each verdict is then a FAULT.
+        # Whether a foreign node may have sent edges or estimates. While `foreign` is true, each
+        # verdict is a FAULT.
         self.foreign = False
         # Whether an item has left for which no number is free, or whose number was used before.
-        # If it is true, the caller must stop the line and clear the flag.
+        # If `out_of_numbers` is true, the caller must stop the line and clear the flag.
         self.out_of_numbers = False
         self._batches = BatchRules()
         self._deadlines = Deadlines(parameters)
@@ -90,8 +93,8 @@ class RejectStage:
     ) -> list[Verdict]:
         """Add a record or a status of the segmenter, and return the verdicts that it causes.
 
-        Verdicts that are due because of their deadline are returned by `advance`. Without `now`, an
-        edge is ignored.
+        Verdicts that are due because of their deadline are returned by `advance`. If `now` is None,
+        an edge is ignored.
         """
         if isinstance(record, Item):
             return self._add_item(record, now)
@@ -171,7 +174,7 @@ class RejectStage:
         verdicts = [self._give(item, now) for item in overdue]
         verdicts += self._judge_unannounced(now)
         self.early.advance(now)
-        # Expired rejects are removed last, because the verdicts above may need them.
+        # Remove expired rejects last, because the verdicts that are due may need them.
         self.inspections.advance(now)
         return verdicts
 

@@ -4,7 +4,7 @@
 
 A station removes rejected items with one of its decisions or reasons, and accepted items in one of
 its mass ranges in kg, such as ``0.150..0.155``. An item goes to the first station that removes it.
-Other rejected items, such as those at an uncertain place, go to the rejector.
+Rejected items that no station removes, such as items at an uncertain place, go to the rejector.
 """
 
 from dataclasses import dataclass, replace
@@ -23,8 +23,8 @@ class Station:
 
     distance: float  # distance from the outfeed eye in m
     delay: float  # time from the signal to the action of the station in s
-    words: frozenset[str]  # decisions and reasons of rejected items
-    ranges: tuple[tuple[float, float], ...]  # ranges of accepted masses in kg, [lower, upper)
+    words: frozenset[str]  # decisions and reasons of the rejected items to remove
+    ranges: tuple[tuple[float, float], ...]  # accepted masses to remove in kg, [lower, upper)
 
     def takes(self, verdict: Verdict) -> bool:
         """Return whether the station removes an item with this verdict."""
@@ -40,8 +40,9 @@ class Station:
 def station_of(text: str, distance: float, delay: float, name: str) -> Station:
     """Return the station that a text describes.
 
-    Raises `ParameterError`, with the `name` of the parameter, if the text is empty or contains a
-    word that is not a decision that rejects, a reason, or a range of masses.
+    A word of the text is a decision that rejects, a reason, or a range of masses. Raises
+    `ParameterError`, with the `name` of the parameter, if the text is empty or contains another
+    word.
     """
     words, ranges = set[str](), list[tuple[float, float]]()
     for word in text.split():

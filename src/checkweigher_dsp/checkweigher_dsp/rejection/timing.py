@@ -7,7 +7,7 @@ import math
 from checkweigher_core.records import NANOSECONDS
 
 _DRIFT = 500e-6  # largest relative drift between two clocks.
-# A stamp more than this time in ns before the newest stamp belongs to a new stream.
+# Time in ns. A stamp that precedes the newest stamp by more than 2 s belongs to a new stream.
 RESTART = 2 * NANOSECONDS
 
 
@@ -66,7 +66,7 @@ class ArrivalClock:
     """
 
     def __init__(self) -> None:
-        self._least = 0  # least difference between arrival and stamp
+        self._least = 0  # least difference between arrival and stamp in ns
         self._newest: tuple[int, int] | None = None
 
     def came(self, stamp: int, now: int) -> int:
@@ -80,5 +80,5 @@ class ArrivalClock:
         return stamp + self._least
 
     def at(self, stamp: int) -> int | None:
-        """Return when an edge with this stamp arrives without a delay, or None before any edge."""
+        """Return the arrival time of an edge without a delay, or None before the first edge."""
         return None if self._newest is None else stamp + self._least

@@ -24,20 +24,21 @@ _ALIKE = 1.0
 # Smallest shift of a window in s. A smaller lag does not shift the window, because the lags of
 # platforms differ by up to 5e-4 s.
 _LEAST_SHIFT = 6e-4
-# Allowed variation of the lag between items, in addition to `rise_lag_tolerance`. It is a fraction
-# of the rise time, which is the time t2 - t1 in which the load rises.
+# Allowed variation of the lag between items, as a fraction of the rise time t2 - t1, in addition to
+# `rise_lag_tolerance`.
 _SHARE = 0.02
-# Largest difference between a lag and the stated lag, as the sum of two terms. The first term, in
-# s, allows for filters and displaced eyes. The second term, a fraction of the rise time, allows for
-# products whose load rises unevenly.
+# Largest difference between a lag and the stated lag. `_FURTHEST`, in s, allows for filters and
+# displaced eyes. `_FURTHEST_SHARE`, a fraction of the rise time, is added for products whose load
+# rises unevenly.
 _FURTHEST = 0.01
 _FURTHEST_SHARE = 0.15
 _FEWEST = 5  # minimum number of items from which a lag is learned
 _MOST = 25  # maximum number of items from which a lag is learned
 _LAST = 3  # number of last items whose median lag is the usual lag
 _RECENT = 8  # number of last items whose median lag shows a lasting change
-_EVEN = math.sqrt(12.0)  # width of a uniform distribution in standard deviations
-_SAME = 0.1  # largest relative difference in belt speed and in length between items of a kind
+_EVEN = math.sqrt(12.0)  # width of a uniform distribution in standard deviations.
+# Largest relative difference in belt speed or in length at which a learned lag remains valid.
+_SAME = 0.1
 
 
 class EdgeCheck:
@@ -46,7 +47,7 @@ class EdgeCheck:
     The parameters state a lag of the load behind the edges, and whether this lag was measured. All
     lags of this class, except those in a `RiseLag`, are in s relative to the stated lag. If the
     stated lag was not measured, the lag is learned as the median over the first items of a belt
-    speed and length. It is learned again if the speed or the length changes.
+    speed and length. The lag is learned again if the speed or the length changes.
     """
 
     def __init__(self, parameters: SegmenterParameters) -> None:
@@ -54,13 +55,13 @@ class EdgeCheck:
         # Numbers of items with and without a visible rise of the load.
         self.checked = self.unchecked = 0
         # Standard deviation of the last shift in s. An uneven rise of the load (a bend) may explain
-        # a part of the lag. The shift is assumed to be uniformly distributed between its value with
-        # this part and its value without this part.
+        # a part of the lag. The shift is assumed to be uniformly distributed between its values
+        # with and without the part of the lag that a bend explains.
         self.shift_std_dev = 0.0
         self.forget()
 
     def forget(self) -> None:
-        """Discard the learned lag, the lags of all items, and their speed and length."""
+        """Discard the learned lag, the lags of all items, and the speed and length of the items."""
         self.learned = math.nan  # learned lag, or NaN until a lag is learned
         self._kind: tuple[float, float] | None = None  # belt speed in m/s and length in m
         self._first: list[RiseLag] = []
@@ -80,8 +81,8 @@ class EdgeCheck:
     def reference(self) -> float:
         """Lag that the items are compared with.
 
-        It is 0 if the stated lag was measured, otherwise the learned lag, or NaN until a lag is
-        learned.
+        The lag is 0 if the stated lag was measured, otherwise the learned lag, or NaN until a lag
+        is learned.
         """
         return 0.0 if self.is_stated else self.learned
 
@@ -89,7 +90,7 @@ class EdgeCheck:
     def change(self) -> float:
         """Change of the lag, which is `lag` minus `reference`.
 
-        It is NaN with fewer than eight items, or if `reference` is NaN.
+        The change is NaN with fewer than eight items, or if `reference` is NaN.
         """
         return self.lag - self.reference if len(self._recent) == _RECENT else math.nan
 
@@ -146,7 +147,8 @@ class EdgeCheck:
     def _bend(self) -> tuple[float, float]:
         """Return the part of the lag due to an uneven rise, and its standard deviation, in s.
 
-        Both are 0 if the stated lag was measured, or if the part is not significant.
+        The part and its standard deviation are 0 if the stated lag was measured, or if the part is
+        not significant.
         """
         if self.is_stated:
             return 0.0, 0.0

@@ -74,8 +74,8 @@ class ItemSource:
     def _forget_after(self, limit: int) -> list[TrackedItem]:
         """Discard edges after `limit`, in ns, and return the items that are given up.
 
-        If such edges were already assigned to items, all items on the belt are given up and
-        tracking begins again, because otherwise all correct edges would be late.
+        If edges after `limit` were already assigned to items, all items on the belt are given up
+        and tracking begins again, because otherwise all correct edges would be late.
         """
         self.queue.drop_after(limit)
         if self.tracker.eyes.newest is None or self.tracker.eyes.newest <= limit:
@@ -132,8 +132,8 @@ class ItemSource:
     def _is_unloaded(self, since: int, stamp: int) -> bool:
         """Return whether the load shows that all items that entered from `since` on have left.
 
-        The load is that of the samples from `since` to `stamp`, both in ns. If a sample is missing,
-        or if there are fewer samples than in twice ``zero_moment``, the result is False.
+        The samples from `since` to `stamp`, both in ns, give the load. If a sample is missing, or
+        if there are fewer samples than in twice ``zero_moment``, the result is False.
         """
         buffer = self._buffer
         if buffer.empty:

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Check whether the load is constant in a weigh window.
 
-The photo-eyes do not show a product whose edge was lost. If such a product enters or leaves within
-a weigh window, the load changes by more than vibration and ring-down explain.
+The photo-eyes do not show a product whose edge was lost. If an unseen product enters or leaves
+during a weigh window, the load changes by more than vibration and ring-down explain.
 """
 
 from functools import lru_cache
@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from checkweigher_dsp.signal import Array
 
-# Largest change as a fraction of the load. The ring-down after the entry causes up to 6 %.
+# Largest change of a constant load, as a fraction of the load. The ring-down after the entry of an
+# item changes the load by up to 6 %.
 _SHARE = 0.08
 _VIBRATION = 6.0  # largest change due to vibration, divided by the median change of the empty belt
 _MEMORY = 0.98  # smallest ratio of the median change to its value at the previous item
@@ -21,24 +22,27 @@ _FEWEST = 8  # minimum number of samples in a window or segment that is checked
 
 
 class LoadCheck:
-    """Check whether the load in a window is steady. If so, no other item enters or leaves in it.
+    """Check that the load is constant in a weigh window.
 
-    The check compares the mean of the last quarter of a window with the mean of the first half. The
-    effect of vibration on this difference is estimated as the median of its magnitude over all
-    segments of the empty belt that have the length of the window. A median is used because an
-    unseen item may leave the belt during some of these segments. If the signal of the empty belt is
-    shorter than the window, the previous median over such segments is kept. If there is no such
-    median, the whole signal of the empty belt is used as one segment. Before the first signal of an
-    empty belt, no vibration is assumed.
+    The load changes if another item enters or leaves during the window. The check compares the
+    mean of the last quarter of a window with the mean of the first half. The effect of vibration on
+    this difference is estimated as the median of its magnitude over all segments of the empty belt
+    that have the length of the window. A median is used because an unseen item may leave the belt
+    during some of these segments.
+
+    If the signal of the empty belt is shorter than the window, the last median over segments with
+    the length of a window is kept. Until the first median of this kind, the whole signal of the
+    empty belt is used as one segment. Before the first signal of an empty belt, no vibration is
+    assumed.
     """
 
     def __init__(self) -> None:
         self._shaking = 0.0  # median change of the empty belt in counts.
-        # Whether the segments from which this median was computed had the length of a window.
+        # Whether the median change was computed from segments with the length of a window.
         self._is_of_window = False
 
     def is_steady(self, window: NDArray[np.int32], empty: NDArray[np.int32], zero: float) -> bool:
-        """Return whether the load is constant in a window, so no other item enters or leaves in it.
+        """Return whether the load is constant in a window, so that no other item enters or leaves.
 
         `window`, (n,), contains the counts while the item is fully on the belt, and `empty`, (m,),
         the counts of the empty belt before the item. `zero` is the zero in counts. If the window
@@ -88,8 +92,8 @@ def is_unloaded(counts: NDArray[np.int32], size: int, zero: float) -> bool:
 def _changes(counts: Array, size: int) -> Array:
     """Return the mean of the last quarter minus the mean of the first half of each segment.
 
-    The segments are all runs of `size` successive samples. The shape of the result is
-    (n - size + 1,).
+    The segments are all runs of `size` successive samples. For n samples, the shape of the result
+    is (n - size + 1,).
     """
     half, quarter = size // 2, size // 4
     sums = np.append(0.0, np.cumsum(counts - counts[0]))

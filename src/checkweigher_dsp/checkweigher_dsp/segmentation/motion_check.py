@@ -16,9 +16,9 @@ class MotionCheck:
     """Check of the speed and length of items.
 
     The belt speed is compared with the speed of earlier items, because two items with lost edges
-    look like one slow and long item. The first item after a change of the belt speed is a fault. If
-    the next item has the same speed, it is weighed. `weigh_length` is the distance between the eyes
-    in m.
+    look like one slow and long item. The first item after a change of the belt speed is a fault.
+    The next item is weighed if its speed confirms the new belt speed. `weigh_length` is the
+    distance between the eyes in m.
     """
 
     def __init__(self, weigh_length: float, parameters: SegmenterParameters) -> None:
@@ -34,8 +34,8 @@ class MotionCheck:
     def measure(self, item: TrackedItem) -> tuple[float, float]:
         """Return the belt speed in m/s and the product length in m.
 
-        Both are NaN if t1 or t3 is missing or t3 is not after t1. Only the length is NaN if t2 is
-        missing.
+        The speed and the length are NaN if t1 or t3 is missing, or if t3 is not after t1. Only the
+        length is NaN if t2 is missing.
         """
         if item.t1 is None or item.t3 is None or item.t3 <= item.t1:
             return math.nan, math.nan

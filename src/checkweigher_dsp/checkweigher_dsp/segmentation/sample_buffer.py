@@ -37,9 +37,9 @@ class SampleBuffer:
     """Buffer of the last samples of a stream, with the gaps between them.
 
     `sample_rate` is in Hz. The buffer holds at least the samples of the last `duration`, in s, and
-    no block may be longer than this duration. Blocks may come twice or overlap, because known
-    samples are ignored. If `is_restart` detects that the source has started again, the caller must
-    clear the buffer.
+    no block may be longer than this duration. Blocks may come twice or overlap, because samples
+    that have already arrived are ignored. If `is_restart` detects that the source has started
+    again, the caller must clear the buffer.
     """
 
     def __init__(self, sample_rate: float, duration: float) -> None:
@@ -94,9 +94,9 @@ class SampleBuffer:
     def is_restart(self, block: SampleBlock) -> bool:
         """Return whether a block shows that the source has started again.
 
-        The block shows a restart if it is later in time but not in index, if a looped recording
-        returns to the indices of its start, or if successive blocks continue far behind the newest
-        samples. In the last case, the indices of the newest samples were wrong.
+        The block shows a restart if it is later in time but not in index, or if a looped recording
+        returns to the indices of its start. Successive blocks that continue far behind the newest
+        samples also show a restart.
         """
         if self.empty or block.first_index >= self.end:
             return False
@@ -160,7 +160,8 @@ class SampleBuffer:
     def whole_from(self, begin: int, end: int) -> int:
         """Return the index after the last lost sample in [begin, end).
 
-        If no sample is lost, the result is `begin`, or the oldest sample if `begin` is before it.
+        If no sample is lost, the result is the larger of `begin` and the index of the oldest
+        sample.
         """
         whole = max(begin, self.start)
         for lost_from, lost_to in self._gaps:

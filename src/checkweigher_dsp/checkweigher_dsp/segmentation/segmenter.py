@@ -32,8 +32,8 @@ class Segmenter:
     """Stage that cuts weigh windows from samples by photo-eye edges.
 
     All decisions depend only on the indices of samples and on time stamps. So the windows do not
-    depend on the size of the blocks or on the order in which samples and edges arrive, if samples
-    are at most ``sample_lateness`` late and edges at most ``edge_lateness``.
+    depend on the size of the blocks, or on the order in which samples and edges arrive. Samples may
+    be at most ``sample_lateness`` late, and edges at most ``edge_lateness``.
 
     Parameters
     ----------
@@ -85,14 +85,14 @@ class Segmenter:
 
     @property
     def last_edge(self) -> int | None:
-        """Largest stamp in ns of the edges processed since the clock jumped back, or None."""
+        """Largest stamp in ns of the edges since the clock last jumped back, or None."""
         return self._source.tracker.eyes.newest
 
     @property
     def leaving_since(self) -> int | None:
         """Time in ns since which the outfeed eye is blocked, or None if it is clear.
 
-        If the clock has gone back since the eye was blocked, the value is before any real time.
+        If the clock has gone back since the eye was blocked, the time is before any stamp.
         """
         edge = self._source.tracker.eyes.youngest.get(Eye.OUTFEED)
         return edge.stamp if edge is not None and edge.blocked else None
@@ -158,8 +158,8 @@ class Segmenter:
             self.cutter.take(self._source.advance())
             windows += self.cutter.cut()
             if self.zero_keeper.is_requested:
-                # The span ends `edge_lateness` before the newest sample, because an edge may still
-                # arrive that late.
+                # The span of the empty belt ends `edge_lateness` before the newest sample, because
+                # an edge may still arrive that late.
                 self.zero_keeper.try_to_set(self._empty_span(), self._parameters.zero_time)
         return windows
 

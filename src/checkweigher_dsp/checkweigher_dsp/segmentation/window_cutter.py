@@ -48,8 +48,8 @@ class _Place:
 class WindowCutter:
     """Cutter of the weigh windows of items.
 
-    An item waits until its samples have arrived. Before its window is cut, the zero is updated by
-    the empty belt before the item.
+    An item waits until its samples have arrived. Before the window of an item is cut, the zero is
+    updated by the empty belt before the item.
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class WindowCutter:
     def fault_waiting(self, reason: Reason, before: float = math.inf) -> bool:
         """Add a fault to the waiting items that entered before a time in ns.
 
-        Returns whether there are such items.
+        Returns whether a fault was added to an item.
         """
         late = [item for item in self._waiting if item.entered < before]
         for item in late:
@@ -95,9 +95,9 @@ class WindowCutter:
     def cut(self, *, wait: bool = True) -> list[WeighWindow]:
         """Return the windows of the items whose samples have arrived.
 
-        With `wait`, the samples after t3 must have arrived too, and a fault waits for the first
-        sample of the stream. A fault does not wait for its own samples, because its window contains
-        no samples.
+        If `wait` is true, the samples after t3 must have arrived too, and a fault waits for the
+        first sample of the stream. A fault does not wait for its own samples, because its window
+        contains no samples.
         """
         found = self._failures.each(
             partial(self._cut, wait=wait),
@@ -227,7 +227,7 @@ class WindowCutter:
     def _contradiction(self, place: _Place, seen: RiseLag) -> Reason:
         """Return the reason why the rise of the load contradicts the edges.
 
-        The reason is EDGE_MISMATCH if the load after the rise is constant. Otherwise it is
+        The reason is EDGE_MISMATCH if the load after the rise is constant, otherwise
         DISTANCE_FAULT, because several items are on the belt.
         """
         late = self._samples(max(seen.lag, 0.0)) if seen.is_known else 0

@@ -21,7 +21,7 @@ class ZeroAnswer:
     """Answer to a request to set the zero."""
 
     text: str  # message to the user
-    change: ZeroChange | None = None  # change of the zero, or None if it was not set
+    change: ZeroChange | None = None  # change of the zero, or None if the zero was not set
 
 
 class ZeroKeeper:
@@ -45,7 +45,8 @@ class ZeroKeeper:
         )
         self._requested: int | None = None  # index of the first sample after the request
         self._why_not = ''
-        # Answer to the last request. None while the request waits, and before the first request.
+        # Answer to the last request. The answer is None while a request waits, and before the first
+        # request.
         self.answer: ZeroAnswer | None = None
 
     @property

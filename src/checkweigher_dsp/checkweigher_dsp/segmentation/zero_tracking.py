@@ -14,18 +14,19 @@ from checkweigher_dsp.signal.averages import hann_mean
 
 # Shortest duration in s of a Hann-weighted mean, above the periods of belt vibration.
 _SHORTEST_AVERAGE = 0.1
-# Least variance of a reading as a fraction of the initial variance. Without it, the filter would
-# no longer follow the zero after a signal without noise.
+# Least variance of a reading as a fraction of the initial variance. Without this limit, the filter
+# would no longer follow the zero after a signal without noise.
 _LEAST_NOISE = 1e-8
 # Smallest change of the zero that counts as a jump, in standard deviations.
 _JUMP = 4.0
-# A part of a segment is an outlier if its distance from the median exceeds a limit. The limit is
-# `_OUTLYING` times the median distance plus `_LEAST_OUTLYING` times the initial standard deviation.
+# A part of a segment is an outlier if its distance from the median of the parts exceeds `_OUTLYING`
+# times the median distance plus `_LEAST_OUTLYING` times the initial standard deviation.
 _OUTLYING, _LEAST_OUTLYING = 30.0, 0.02
 _PART = 0.05  # duration of a part in s
 _FEWEST_PARTS = 5  # minimum number of parts for the detection of outliers
-_MEMORY = 0.95  # factor by which the weight of older variances decreases with each segment
-_EVIDENCE_MEMORY = 0.98  # factor by which the weight of older likelihoods decreases
+_MEMORY = 0.95  # factor by which the weight of older variances decreases with each segment.
+# Factor by which the weight of older likelihoods decreases with each reading.
+_EVIDENCE_MEMORY = 0.98
 _DRIFT_TIME = 600.0  # correlation time of a thermal drift in s
 
 
@@ -130,10 +131,10 @@ class ZeroTracker:
     Each segment of the empty belt gives one reading, which is its Hann-weighted mean. The variance
     of the readings is estimated from the differences between the halves of many segments, so that
     it is valid for any mixture of vibration and noise. The reading of a segment shorter than 0.1 s
-    is its plain mean, with the variance of its samples. The filters average many such readings.
+    is its plain mean, with the variance of its samples. The filters average many readings.
 
-    An unseen object may be on the belt. So after the first reading, a reading that is further from
-    the zero than a drift explains is not accepted until a second segment confirms it.
+    An unseen object may be on the belt. So after the first reading, a reading that a drift does not
+    explain is accepted only if the reading of a second segment confirms it.
 
     Parameters
     ----------
@@ -198,8 +199,8 @@ class ZeroTracker:
 
         `counts` has the shape (n,). If the segment is unstable or has fewer than two samples, or if
         its reading must be confirmed by a second segment, the zero is only predicted. If the
-        segment has not `settled` after a product, the variance of its samples is used, because the
-        effect of the ring-down is similar after each product and does not average out.
+        segment has not `settled` after a product, the variance of its samples is used. The effect
+        of the ring-down is similar after each product, so that it does not average out.
         """
         allowed = -math.inf, math.inf
         if self._stamp is not None:
@@ -226,8 +227,8 @@ class ZeroTracker:
             return
         self._doubted, self._has_read = None, True
         if (reading - value) ** 2 > _JUMP**2 * (variance + noise):
-            # Reset the variances, so that the filters follow the jump. Dirt that falls on the belt
-            # or is removed causes such a jump.
+            # Reset the variances, so that the filters follow the jump. The zero jumps if dirt falls
+            # on the belt or is removed.
             for each in self._motions:
                 each.begin()
         left = [each.correct(reading, noise, allowed) for each in self._motions]
@@ -256,7 +257,7 @@ class ZeroTracker:
         return max(off) <= _OUTLYING * median(off) + least
 
     def _parts(self, counts: Array, duration: float) -> list[float]:
-        """Return the Hann-weighted means of parts of about `duration` in s, at least two.
+        """Return the Hann-weighted means of at least two parts of about `duration` in s.
 
         If the parts would contain no samples, the result is [0].
         """
@@ -301,7 +302,8 @@ class ZeroTracker:
             return float(np.mean(counts)), float(np.var(counts)) + least
         half = len(counts) // 2
         difference = float(hann_mean(counts[:half]) - hann_mean(counts[-half:]))
-        # Each half has the variance difference^2 / 2, and the mean of both halves has half of it.
+        # The variance of each half is difference^2 / 2, and the variance of the mean of both halves
+        # is difference^2 / 4.
         self._scatter = _MEMORY * self._scatter + difference**2 / 4
         self._degrees = _MEMORY * self._degrees + 1
         return float(hann_mean(counts)), self._scatter / self._degrees + least
