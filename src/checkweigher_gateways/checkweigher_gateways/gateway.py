@@ -116,7 +116,7 @@ async def _run(kind: str, gateway: Gateway, spinner: Spinner, namespace: str | N
 
 
 def main() -> None:
-    """Run the gateway of the kind that the command line names, with the options given there.
+    """Run the gateway that the command line names, with the options of the command line.
 
     If the gateway cannot start, the reason is printed, and the process exits with status 2.
     """

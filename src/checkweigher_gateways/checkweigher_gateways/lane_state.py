@@ -74,9 +74,10 @@ class LaneState:
         return PackState.ABORTED if trouble else PackState.HELD
 
     def deviation(self, verdict: Verdict) -> float:
-        """Return the mass of an item minus the nominal mass in kg, NaN if either is unknown.
+        """Return the mass of an item minus the nominal mass in kg, or NaN if a mass is unknown.
 
-        The nominal mass is known if the product of the item is still on the line and has one.
+        The nominal mass is known if the product of the item is still on the line and has a nominal
+        mass.
         """
         product = self.product
         if product is None or product.product != verdict.product or not product.nominal > 0:

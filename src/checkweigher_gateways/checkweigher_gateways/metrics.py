@@ -31,8 +31,9 @@ DEVIATIONS = [
 # Label of all reasons that are not in `Reason`. Prometheus stores a time series for each label, so
 # the number of labels must not depend on the messages.
 _UNKNOWN = 'Unknown'
-# Name and help text of the metric for a value in the diagnostics, and factor that converts the
-# value to the unit of the metric, by the node, the aspect and the key of the value.
+# Metrics of values in the diagnostics, by the node, the aspect and the key of the value. An entry
+# contains the name and the help text of the metric, and the factor that converts the value to the
+# unit of the metric.
 _FIGURES = {
     ('segmenter', 'Zero', 'from_calibration_g'): (
         'checkweigher_zero_offset_grams', 'Zero of the belt relative to the calibration.', 1.0),

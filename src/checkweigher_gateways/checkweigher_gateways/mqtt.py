@@ -62,8 +62,8 @@ class MqttGateway(Gateway):
         self._events: queue.SimpleQueue[tuple[str, Any]] = queue.SimpleQueue()
         self._client: Client | None = None
         self._edge: EdgeNode | None = None
-        # Whether the broker may have received the will of the edge node. The next connection then
-        # needs an edge node with a new bdSeq.
+        # Whether the broker may have received the will of the edge node. If `_asked` is true, the
+        # next connection needs an edge node with a new bdSeq.
         self._asked = False
         self._password: str | None = None
         self._trouble = 'not connected yet'
@@ -83,7 +83,7 @@ class MqttGateway(Gateway):
         """Open the store, and connect to the broker in the background.
 
         Returns the URL of the broker with the first levels of the topics. Raises `GatewayError` if
-        the store, the certificates or the file of the password cannot be used.
+        the store, the certificates or the password file cannot be used.
         """
         its = self._settings
         path = Path(its.store) if its.store else state_file(f'gateway_mqtt.{self._node}.sqlite')
@@ -146,7 +146,7 @@ class MqttGateway(Gateway):
         """Process the events of the connection, and publish changed states and waiting items.
 
         Before items are published, the new items are written to the disk. If the connection has
-        failed or was lost, a new one is attempted after `_RETRY` s.
+        failed or was lost, a new connection is attempted after `_RETRY` s.
         """
         with suppress(queue.Empty):
             while True:
@@ -208,7 +208,7 @@ class MqttGateway(Gateway):
         """Publish the state of a lane if it has changed.
 
         With Sparkplug, the first state of a lane after the NBIRTH is a DBIRTH with all metrics of
-        the lane. Each later state is a DDATA.
+        the lane. Each later state of the lane is a DDATA.
         """
         now, before = _state(lane), self._shown.get(lane.name)
         if now == before:
@@ -328,14 +328,15 @@ class MqttGateway(Gateway):
         )
 
     async def close(self) -> None:
-        """Close the store. If connected, first publish the death message and disconnect."""
+        """Publish the death message and disconnect, if connected, and close the store."""
         client = self._client
         if client is not None and not self._trouble:
             death: tuple[str, str | bytes] = f'{self._root}/online', 'false'
             if self._edge is not None:
                 death = self._edge.death(time.time_ns() // _MILLISECOND)
             sent = client.publish(*death, qos=1, retain=self._edge is None)
-            with suppress(RuntimeError, ValueError):  # raised if the connection is lost
+            # Ignore the exceptions of paho if the connection is lost.
+            with suppress(RuntimeError, ValueError):
                 sent.wait_for_publish(_FAREWELL)
             client.disconnect()
         self._store.close()

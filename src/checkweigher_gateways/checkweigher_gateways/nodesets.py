@@ -44,7 +44,7 @@ def check(folder: Path) -> None:
 async def load(server: Server, folder: Path) -> Namespaces:
     """Load all models from a folder, and return the namespace indices."""
     for name in _FILES:
-        # Load DI without strict mode, because DI refers to a newer core model than that of asyncua.
+        # Load DI without strict mode, because DI refers to a newer core model than asyncua has.
         await server.import_xml(folder / name, strict_mode=name != _DI)
     await server.load_data_type_definitions()
     uris = (f'http://opcfoundation.org/UA/{name}/' for name in ('Machinery', 'PackML', 'Scales/V2'))

@@ -212,7 +212,8 @@ class OpcuaGateway(Gateway):
         return Workshop(self.intake.spinner, 'gateway_opcua_work')
 
     async def _show_products(self, lane: str) -> None:
-        # Raised if the lane has no valid recipe file, or if its node `product` does not answer.
+        # `ActionRefusedError` is raised if the lane has no valid recipe file, or if its node
+        # `product` does not answer.
         with suppress(ActionRefusedError):
             products = await actions.products(await self._workshop.of(lane))
             await self._lanes[lane].show_products(products)
@@ -222,8 +223,8 @@ class OpcuaGateway(Gateway):
     ) -> ua.StatusCode:
         """Perform an action for the caller of a method, and send its outcome as an event.
 
-        The status is Good, BadInvalidState if the action has failed, or BadUserAccessDenied,
-        without an event, if the role of the caller is below `role`.
+        The status is Good, or BadInvalidState if the action has failed. If the role of the caller
+        is below `role`, no event is sent, and the status is BadUserAccessDenied.
         """
         caller = CALLER.get()
         if caller is None or caller.rank < role:
@@ -243,7 +244,7 @@ class OpcuaGateway(Gateway):
     async def _acknowledge(self, condition: ua.NodeId, *_: ua.Variant) -> ua.StatusCode:
         """Acknowledge all alarms of the lane to which a condition belongs.
 
-        The status is that of `_act`, or BadNodeIdUnknown if the condition belongs to no lane.
+        Returns the status of `_act`, or BadNodeIdUnknown if the condition belongs to no lane.
         """
         named = str(condition.Identifier)
         for lane, space in self._lanes.items():

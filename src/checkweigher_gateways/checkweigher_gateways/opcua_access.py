@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Users and roles of the OPC UA server, which it shares with the page."""
+"""Users and roles of the OPC UA server, which are the users and roles of the page."""
 
 import asyncio
 from contextlib import suppress
@@ -29,7 +29,7 @@ class Caller(User):
 
 # User who sent the request that the current asyncio task handles, or None without such a user.
 CALLER: ContextVar[Caller | None] = ContextVar('caller', default=None)
-# User whose password the current asyncio task has found valid, or None if there is none.
+# User whose password the current asyncio task has found valid, or None without such a user.
 _CHECKED: ContextVar[Caller | None] = ContextVar('checked', default=None)
 
 _CREATE, _ACTIVATE = (
@@ -41,7 +41,7 @@ _CREATE, _ACTIVATE = (
 class Users(UserManager):
     """User manager with the users file of the page. A client without a user name may only read.
 
-    asyncua only admits a client without a name if the server offers anonymous logins.
+    asyncua admits a client without a user name only if the server offers anonymous logins.
     """
 
     def __init__(self, users: UserFile) -> None:
@@ -86,7 +86,8 @@ class _Processor(UaProcessor):
     """Processor of the requests of a client.
 
     asyncua lets each client open a channel without security, to ask for the endpoints. This class
-    refuses sessions in such a channel, unless the server has an endpoint without security.
+    refuses sessions in a channel without security, unless the server has an endpoint without
+    security.
     """
 
     async def _process_message(self, typeid: Any, header: Any, sequence: Any, body: Any) -> Any:
@@ -127,7 +128,7 @@ class Rights(SimpleRoleRuleset):
     def check_validity(self, user: Any, action_type_id: Any, body: Any) -> bool:
         """Return whether a user may send a request, and store the user in `CALLER`.
 
-        The method that the request calls, if any, reads the user there.
+        A method that the request calls reads the user from `CALLER`.
         """
         CALLER.set(user if isinstance(user, Caller) else None)
         return bool(super().check_validity(user, action_type_id, body))

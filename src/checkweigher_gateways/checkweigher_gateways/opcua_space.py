@@ -22,8 +22,8 @@ Call = Callable[..., Awaitable[Any]]
 
 _CHECKWEIGHER, _PRODUCT, _RANGE, _REJECTED, _EVENT, _ALARM = 45, 46, 23, 1028, 13, 21
 _MANUFACTURER = 'Checkweigher maintainers'
-# Browse names of the nodes that are kept of an instance of a type. The other nodes of the instance,
-# such as placeholders, are deleted.
+# Browse names of the nodes that an instance of a type keeps. The other nodes of the instance, such
+# as placeholders, are deleted.
 _KEPT = {
     'AvailableStates', 'AvailableTransitions', 'BatchId', 'CurrentProducts', 'CurrentState',
     'CurrentWeight', 'EURange', 'EngineeringUnits', 'ExecuteState', 'Id', 'Identification',
@@ -57,7 +57,7 @@ _METRE = ua.EUInformation(
     _KILOGRAM.NamespaceUri, 5067858, ua.LocalizedText('m'), ua.LocalizedText('metre')
 )
 # States of the three nested PackML state machines, from the outermost to the innermost. The name of
-# the state is empty if the machine is not in any state.
+# a state is empty if the state machine is in no state.
 _STATES = {
     PackState.STOPPED: ('Cleared', 'Stopped', ''),
     PackState.EXECUTE: ('Cleared', 'Running', 'Execute'),
@@ -114,7 +114,7 @@ class LaneSpace:
         kind_id = ua.NodeId(kind, self._spaces.scales)
         made = await above.add_object(self._id(path), own, kind_id, instantiate_optional=True)
         await self._prune(made)
-        await asyncio.sleep(0)  # lets the server answer clients between two objects
+        await asyncio.sleep(0)  # Let the server answer clients between two objects.
 
     async def _prune(self, node: Node) -> None:
         """Delete each node of the lane below `node`, unless its browse name is in `_KEPT`."""
@@ -139,8 +139,8 @@ class LaneSpace:
         for child in await node.get_children():
             if child.nodeid.NamespaceIndex == self._spaces.own:
                 await self._delete(child)
-        # Do not let the server delete references to the node, because it would search all nodes for
-        # them, and the only reference is that of the parent.
+        # Do not let the server search all nodes for references to the node, because only the parent
+        # refers to the node.
         session = self._server.iserver.isession
         await delete_nodes(session, [node], delete_target_references=False)
 
@@ -178,10 +178,10 @@ class LaneSpace:
     async def add_method(
         self, path: str, call: Call, *arguments: str, space: int | None = None
     ) -> None:
-        """Let `call` implement the method at a path, which is added if it does not exist.
+        """Use `call` as the method at a path, and add the method if it does not exist.
 
         A new method has string arguments with the names `arguments`. `space` is the namespace index
-        of its browse name, by default that of the Scales model.
+        of the browse name of a new method, by default the index of the Scales model.
         """
         parent, _, name = path.rpartition('.')
         if self._id(path) in self._server.iserver.aspace:
@@ -198,8 +198,8 @@ class LaneSpace:
     async def _set(self, path: str, value: Any, stamp: int | None = None) -> None:
         """Write the value of a variable, with the time `stamp` in ns or the present time.
 
-        Without a `stamp`, the value is written only if it has changed. With a `stamp`, it is also
-        added to the history of the variables in `_RECORDED`. A variable that does not exist is
+        Without a `stamp`, the value is written only if it has changed. With a `stamp`, the value of
+        a variable in `_RECORDED` is also added to the history. A variable that does not exist is
         ignored.
         """
         if stamp is None and self._values.get(path) == value:
@@ -288,9 +288,10 @@ class LaneSpace:
         return f'ProductionPreset.Products.{name}'
 
     async def show_products(self, products: Mapping[str, Product]) -> None:
-        """Update the nodes of the products in the recipe file, which `products` contains by name.
+        """Update the nodes of the products in the recipe file.
 
-        The nodes of products that are no longer in the file are deleted.
+        `products` contains the products in the file by name. The nodes of products that are no
+        longer in the file are deleted.
         """
         gone = [self._node(self._product(name)) for name in self._products.keys() - products.keys()]
         await self._server.delete_nodes(gone, recursive=True)

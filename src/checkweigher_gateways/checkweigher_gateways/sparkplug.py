@@ -117,7 +117,7 @@ def decode(data: bytes | bytearray) -> dict[str, Any]:
     payload = Payload()
     try:
         payload.ParseFromString(bytes(data))
-    # Catch all exceptions, because the base class of DecodeError depends on the implementation.
+    # Catch all exceptions, because the base class of DecodeError depends on the protobuf backend.
     except Exception as error:
         raise ValueError(f'not a Sparkplug B payload: {error}') from None
     return {
@@ -129,8 +129,8 @@ def decode(data: bytes | bytearray) -> dict[str, Any]:
 def element(text: str) -> str:
     """Return a text as a topic level.
 
-    Dots replace ``/``, ``+``, ``#`` and NUL. An empty text, as of a lane without a namespace, is
-    replaced by ``lane``.
+    Dots replace ``/``, ``+``, ``#`` and NUL. An empty text, such as the name of a lane without a
+    namespace, is replaced by ``lane``.
     """
     return re.sub(r'[/+#\0]', '.', text) or 'lane'
 

@@ -54,7 +54,7 @@ class Store:
         return None if found is None else str(found[0])
 
     def next_number(self, name: str, count: int) -> int:
-        """Return the next number of a sequence modulo `count`, after writing it to the disk.
+        """Write the next number of a sequence modulo `count` to the disk, and return the number.
 
         The first number of the sequence `name` is 0.
         """
@@ -95,7 +95,10 @@ class Store:
         )
 
     def have_sent(self, number: int) -> None:
-        """Mark the items up to a number as sent, and delete all but the latest `_KNOWN` of them."""
+        """Mark the items up to a number as sent, and delete old sent items.
+
+        The latest `_KNOWN` items are kept, because they may be received again.
+        """
         self._database.execute('UPDATE items SET sent = 1 WHERE sent = 0 AND number <= ?', [number])
         self._database.execute(
             'DELETE FROM items WHERE sent = 1 AND number <= ?', [number - _KNOWN]
