@@ -22,7 +22,7 @@ _MAX_POINTS = 1200
 # label from the chart, in px.
 _NARROWEST, _CHARACTER, _LABEL_HEIGHT, _LABEL_DISTANCE = 200, 7, 14, 5
 _GAP = 18  # vertical distance in px between charts that share a time axis
-_ABOVE = 4  # `z` of symbols in ECharts, which draws them above lines, whose `z` is 3
+_ABOVE = 4  # `z` of symbols in ECharts, so that they are drawn above lines, whose `z` is 3
 
 
 def nothing(text: str) -> Options:
@@ -99,9 +99,10 @@ def symbols(name: str, x: NDArray[Any], y: NDArray[Any], symbol: str, size: int)
 
 
 def _points(x: NDArray[Any], y: NDArray[Any]) -> list[list[float]]:
-    """Return [x, y] pairs, in which x has 4 decimals.
+    """Return [x, y] pairs, in which x is rounded to 4 decimals.
 
-    y also has 4 decimals, or 7 if no absolute value exceeds 10, because y may be a mass in kg.
+    y is rounded to 7 decimals, because y may be a mass in kg, or to 4 decimals if any absolute
+    value of y exceeds 10.
     """
     largest = np.nanmax(np.abs(y), initial=0.0)
     return np.column_stack([x.round(4), y.round(4 if largest > 10 else 7)]).tolist()
@@ -168,7 +169,7 @@ def stacked(labels: Mapping[str, float]) -> dict[str, int]:
 def local_times(stamps: Sequence[float] | NDArray[Any]) -> NDArray[np.float64]:
     """Return the positions on a time axis, in ms of local time, of stamps (n,) in ns.
 
-    The difference from UTC at the last stamp is used for all stamps.
+    The difference between local time and UTC at the last stamp is used for all stamps.
     """
     found = np.asarray(stamps, np.float64) / 1e6
     return found + (_ahead(found[-1] / 1e3) if len(found) else 0.0)
@@ -217,7 +218,7 @@ def rows(
     inside = {'type': 'inside', 'zoomOnMouseWheel': 'ctrl', 'moveOnMouseWheel': False}
     slider = {'type': 'slider', 'height': 24, 'bottom': 6, 'showDataShadow': False}
     return figure | {
-        'height': top + 55,  # px, including the slider and the labels of the time axis
+        'height': top + 55,  # height in px, including the slider and the labels of the time axis
         'animation': False,
         'useUTC': True,
         'tooltip': {'trigger': 'axis'},

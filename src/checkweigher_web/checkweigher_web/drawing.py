@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Caches of figures and tables, each of which is made once for all viewers."""
+"""Caches of figures and tables, each of which is computed once for all viewers."""
 
 from collections.abc import Callable, Hashable
 import time
@@ -22,14 +22,14 @@ class Made:
         self._made: dict[Hashable, tuple[object, Any]] = {}
 
     def once(self, name: Hashable, state: object, make: Callable[[], T]) -> T:
-        """Return the cached object `name`, which `make` makes again if `state` has changed."""
+        """Return the cached object `name`, or a new object from `make` if `state` has changed."""
         known = self._made.get(name)
         if known is None or known[0] != state:
             known = self._made[name] = state, make()
         return known[1]
 
     def each_second(self, name: Hashable, make: Callable[[], T]) -> T:
-        """Return the cached object `name`, which `make` makes again at most once per second."""
+        """Return the cached object `name`, and call `make` for it at most once per second."""
         return self.once(name, int(time.monotonic()), make)
 
 

@@ -98,7 +98,7 @@ def menu_entry(text: str, click: Callable[[], object]) -> Element:
 
 
 class _FromText(ui.element):
-    """Element whose content is one text in JSON, in the property that `_of` names.
+    """Element whose content is a JSON text in the property that `_of` names.
 
     The content is one text, because NiceGUI compares the properties of an element for each viewer,
     and one text is cheaper to compare than many cells or options.
@@ -208,7 +208,7 @@ class Reading(_FromText, component='reading.js'):
         }
 
     def show(self, text: str, age: float | None, *, still: bool) -> None:
-        """Show a reading, which is given in JSON.
+        """Show the reading `text`, which is in JSON.
 
         `age` is the age of the reading in s, or None for a recorded item. `still` is true if the
         lane does not weigh. The reading is then grey.

@@ -87,7 +87,7 @@ def page_language() -> Language:
     """Return the language and unit of the viewer, and set the language and title of the page."""
     client = ui.context.client
     say = language_of(client.request.headers, client.request.cookies)
-    # Copy the page object of NiceGUI, because all viewers share it and it has only one language.
+    # Copy the page object of NiceGUI, because viewers of other languages share the object.
     client.page = copy(client.page)
     client.page.language = say.tag  # type: ignore[assignment]
     ui.page_title(say('Checkweigher'))

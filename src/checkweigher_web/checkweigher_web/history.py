@@ -78,8 +78,8 @@ def _stamp_of(verdict: Verdict) -> int:
 def _changes(verdicts: list[Verdict]) -> Iterable[Change]:
     """Yield the changes between successive items, each with the time of the later item in ns.
 
-    Only one change is yielded for an item: that of the product, otherwise that of the batch,
-    otherwise that of the limits.
+    At most one change is yielded for an item. A change of the batch is left out if the product also
+    changes, and a change of the limits is left out if the product or the batch also changes.
     """
     for one, other in pairwise(verdicts):
         if one.product != other.product:

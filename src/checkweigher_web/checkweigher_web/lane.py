@@ -77,7 +77,7 @@ class Deed:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShownItem(NanEqual):
-    """Item as the page shows it.
+    """Item with the data that the page shows.
 
     A value is None or NaN if it is unknown, has not arrived, or is no longer held. `window` and
     `stretch` are None until `with_signals` adds them.
@@ -89,7 +89,7 @@ class ShownItem(NanEqual):
     stretch: Stretch | None = None
     t4: int | None = None
     reference: float = math.nan  # kg
-    usual_speed: float = math.nan  # latest known belt speed in m/s of the items before this one
+    usual_speed: float = math.nan  # latest known belt speed in m/s of the items before this item
 
     @property
     def key(self) -> Key:
@@ -166,7 +166,7 @@ class Lane:
                 case LoadCell():  # A new stream of samples begins, so drop the previous one.
                     self.load_cell = record
                     self._begin_stream()
-                case BeltNoise():  # Noise alone must not update the views each second.
+                case BeltNoise():  # Belt noise alone must not update the views each second.
                     return
             self.version += 1
 
@@ -187,7 +187,7 @@ class Lane:
     def _begin_stream(self) -> None:
         """Drop samples, edges and reference masses.
 
-        Records of the previous stream must not be mixed with those of a new stream, whose stamps
+        Records of the previous stream must not be mixed with records of a new stream, whose stamps
         may be earlier.
         """
         for records in (self._blocks, self._latest[EyeEdge], self._latest[Reference]):
@@ -217,7 +217,7 @@ class Lane:
         return list(joined(results, joiner))[::-1]
 
     def faults(self, span: Span | None = None) -> list[ShownItem]:
-        """Return those of `items(span)` whose decision is FAULT, the latest item first."""
+        """Return the items of `items(span)` with the decision FAULT, the latest item first."""
         return [each for each in self.items(span) if each.verdict.decision == Decision.FAULT]
 
     def history(self) -> History:
@@ -263,10 +263,10 @@ class Lane:
         return [each for each in known if (each.t3 or 0) < end][-count:]
 
     def empty_belt(self, item: ShownItem | None = None) -> NDArray[np.float64]:
-        """Return the longest segment of the empty belt, shape (n,), in kg, minus its mean.
+        """Return the signal of the longest segment with an empty belt, shape (n,), in kg.
 
-        The segment is within the last `SHOWN` s. n is 0 if there are no samples. `item` is ignored,
-        because only the latest samples are held.
+        The mean of the signal is subtracted. The segment is within the last `SHOWN` s. The array is
+        empty if there are no samples. `item` is ignored, because only the latest samples are held.
         """
         signal = self._signal()
         if signal is None:
@@ -277,9 +277,9 @@ class Lane:
     def load(self) -> tuple[float, float]:
         """Return the present load on the belt and its range within the latest 1 s, in kg.
 
-        The load is the mean over the latest 0.5 s, relative to the zero of calibration. Its range
-        is the largest minus the smallest mean of the `_PARTS` parts of the latest 1 s. Both values
-        are NaN if no load cell or no samples have arrived.
+        The load is the mean over the latest 0.5 s, relative to the zero of calibration. The range
+        is the largest minus the smallest mean of the `_PARTS` parts of the latest 1 s. Load and
+        range are NaN if no load cell or no samples have arrived.
         """
         signal = self._signal()
         if signal is None:
@@ -294,7 +294,7 @@ class Lane:
         """Return the samples and edges of the period for which the lane holds both.
 
         The recording also contains the known masses that were published in this period. Returns
-        None if there is no such period.
+        None if the lane holds no samples of a period in which it also holds all edges.
         """
         (references,) = self._of(Reference)
         signal = self._signal()
@@ -321,7 +321,7 @@ def joined(
     """Yield an item without signals for each pair of verdict and estimate, in the same order.
 
     The pairs must be in the order of the items on the line, because the usual speed of an item is
-    that of the items before it.
+    the latest known speed of the items before it.
     """
     speed = math.nan
     for verdict, estimate in results:
@@ -335,8 +335,9 @@ def joined(
 def with_window(item: ShownItem, window: WeighWindow | None, signal: RawSignal | None) -> ShownItem:
     """Return an item with its window.
 
-    The item also gets the raw samples around it if it is a fault, or if its window is None or has
-    no samples. It gets no raw samples if they are not held, or if none of its times is known.
+    The raw samples around the item are added if the item is a fault, or if its window is None or
+    has no samples. No raw samples are added if they are no longer held, or if no time of the item
+    is known.
     """
     item = replace(item, window=window)
     weighed = item.verdict.decision != Decision.FAULT

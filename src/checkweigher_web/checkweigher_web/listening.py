@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Nodes that receive the results of lanes, and their signals while a viewer is present."""
+"""Nodes that receive the results of lanes, and the signals of lanes that have viewers."""
 
 from collections.abc import Callable
 import threading
@@ -14,8 +14,9 @@ from checkweigher_core.ros.spinner import Spinner
 from checkweigher_core.ros.status_board import StatusBoard, number_of
 from checkweigher_web.lane import SHOWN, BeltNoise, Lane
 
+# Name of the diagnostic status of the belt noise, without the namespace of the lane.
+_NOISE = 'segmenter: Belt noise'
 _LOOK_PERIOD = 0.5  # s
-_NOISE = 'segmenter: Belt noise'  # name of a diagnostic status, without the namespace of the lane
 
 
 class _Listener(PortNode):
@@ -30,7 +31,7 @@ class Watch:
 
     A thread looks for lanes, and subscribes to the signals of a lane while `viewers` returns a
     number above 0 for that lane. The thread is needed, because an executor cannot change its own
-    nodes while it runs them. A lane holds the samples of the last `held` s.
+    nodes while it runs them. Each lane holds the samples of the last `held` s.
 
     Attributes
     ----------

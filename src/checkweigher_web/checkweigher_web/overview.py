@@ -34,7 +34,7 @@ _HEADS = (
 
 @dataclass(frozen=True, slots=True)
 class LaneView:
-    """Row of the page of all lanes: namespace and level of a lane, and cells for `_HEADS`."""
+    """Row of the page of all lanes: namespace and level of a lane, and table cells."""
 
     name: str
     level: Level
@@ -42,7 +42,7 @@ class LaneView:
 
 
 class Overview(Made):
-    """Rows of all lanes, which are made at most once per second for all viewers of a language."""
+    """Rows of all lanes, computed at most once per second for all viewers of a language."""
 
     def __init__(self, watch: Watch) -> None:
         super().__init__()
@@ -51,15 +51,15 @@ class Overview(Made):
     def views(self, say: Language = ENGLISH) -> list[LaneView]:
         """Return a row for each lane that runs or has run, or that has sent diagnostics.
 
-        If the page shows only one lane, the other lanes are left out. The lanes without diagnostics
-        are first. The other lanes follow, the worst lane first.
+        If the page shows only one lane, the other lanes are left out. Lanes without diagnostics
+        come first, followed by the other lanes, the worst lane first.
         """
         return self.each_second(('views', say), lambda: self._views(say))
 
     def only(self) -> str | None:
         """Return the namespace of the lane if there is exactly one, otherwise None.
 
-        Also returns None while only diagnostics of this lane have been received.
+        Also returns None if the page has received only diagnostics of this lane.
         """
         names = [_name(row) for row in self._rows()]
         return names[0] if len(names) == 1 and names[0] in self._watch.lanes else None
@@ -97,7 +97,7 @@ def _view(row: LaneRow, lane: Lane | None, hosts: dict[str, set[str]], say: Lang
 
 
 def _worst(row: LaneRow, say: Language) -> Told:
-    """Return the worst finding of a lane as a cell. Node and aspect are not translated."""
+    """Return the worst finding of a lane as a cell, without a translation of node and aspect."""
     *place, message = row.worst.split(': ', 1)
     cell = told(from_node(message) if row.worst else Text('all is well'), say)
     return cell._replace(text=': '.join((*place, cell.text)))
@@ -115,7 +115,7 @@ def show_overview(lanes: Overview, say: Language) -> None:
 
     def update() -> None:
         if lanes.only() is not None:
-            ui.navigate.reload()  # The same address then shows the page of the only lane.
+            ui.navigate.reload()  # The reloaded page shows the only lane.
         shown = lanes.views(say)
         headline.set_text(_headline(shown, say))
         table.show(view.cells for view in shown)

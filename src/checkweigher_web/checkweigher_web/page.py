@@ -15,7 +15,7 @@ from checkweigher_web.shift import Shift
 from checkweigher_web.views.registry import VIEWS
 from checkweigher_web.views.view import FAST, SLOW, Look, View
 
-_WHOLE = '--tablet: 2; --desk: 12'  # width of a panel in columns, over the whole page
+_WHOLE = '--tablet: 2; --desk: 12'  # width in columns of a panel as wide as the page
 _PERIOD = 0.5  # time in s between two updates of the progress text
 
 

@@ -54,9 +54,10 @@ class RawSignal:
         return Stretch(time[inside], counts[inside], among)
 
     def empty_belt(self, since: int, until: int) -> NDArray[np.float64]:
-        """Return the longest segment of the empty belt, shape (n,), in kg, minus its mean.
+        """Return the signal of the longest segment with an empty belt, shape (n,), in kg.
 
-        The segment is between the stamps `since` and `until` in ns. n is 0 if there are no samples.
+        The mean of the signal is subtracted. The segment is between the stamps `since` and `until`
+        in ns. The array is empty if there are no samples.
         """
         blocks = self.between(since, until)
         edges = sorted((e for e in self.edges if e.stamp <= until), key=lambda edge: edge.stamp)
@@ -69,10 +70,11 @@ class RawSignal:
 
 
 def longest_gap(edges: Iterable[EyeEdge], begin: int, end: int) -> tuple[int, int]:
-    """Return the start and end in ns of the longest time from `begin` to `end` with an empty belt.
+    """Return the start and end in ns of the longest period with an empty belt.
 
-    The `edges` are in order of time, and include those before `begin`. The belt counts as empty
-    before the first edge. If it is never empty, the start and the end are equal.
+    The period is between `begin` and `end`. The `edges` are in order of time, and include the edges
+    before `begin`. The belt counts as empty before the first edge. If the belt is never empty, the
+    start and the end are equal.
     """
     longest, since = (begin, begin), begin
     for edge in edges:

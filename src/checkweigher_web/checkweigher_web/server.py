@@ -262,7 +262,7 @@ def _run(app: FastAPI, access: Access, listener: socket.socket) -> None:
     alive = partial(faulthandler.dump_traceback_later, HUNG, exit=True)
     for look in (access.expel, forget_waiting, alive):
         nicegui.timer(_LOOK_PERIOD, look)
-    # Print the address last, because a program that has read it may stop the server by a signal.
+    # Print the address last, because a program that reads the address may then stop the server.
     code = access.first_code
     first = f'; {first_user(code)}' if code else ''
     nicegui.on_startup(lambda: print(f'page: {site.address}{first}', file=sys.stderr, flush=True))
@@ -296,7 +296,7 @@ def main() -> None:
     parser.add_argument('--key', type=Path)
     try:
         serve(Site(**vars(parser.parse_args(remove_ros_args(sys.argv)[1:]))))
-    except KeyboardInterrupt:  # This is no error. At a regular end, uvicorn raises SIGINT again.
+    except KeyboardInterrupt:  # uvicorn raises SIGINT again after a regular end.
         pass
     except ValueError as error:
         print(f'checkweigher: {error}', file=sys.stderr)

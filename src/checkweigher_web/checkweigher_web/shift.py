@@ -42,7 +42,7 @@ _Cut = tuple[WeighWindow, int]  # window without its samples, and the number of 
 
 
 class Shift:
-    """Items of a recording, which the page shows like those of a running lane.
+    """Items of a recording, which the page shows like the items of a running lane.
 
     A thread weighs the recording once.
 
@@ -71,7 +71,7 @@ class Shift:
         self.signal = RawSignal(recording.load_cell, blocks, recording.edges)
         self.parameters = parameters
         self.series = MassSeries()
-        self._items: list[ShownItem] = []  # in the order of their verdicts
+        self._items: list[ShownItem] = []  # items in the order of their verdicts
         self._counts = ProductionStatistics()
         self.begin = self.weighed = recording.blocks[0].stamp
         self.is_whole = False
@@ -85,7 +85,7 @@ class Shift:
         for item in joined(self._results(), joiner):
             self._counts.add(item.verdict)
             self.series = self.series.with_item(item.verdict)
-            # Append the item last. The views read without a lock, and take the number of items as
+            # Append the item last. The views read without a lock, and use the number of items as
             # the version of the data.
             self._items.append(item)
         self.is_whole = True
@@ -129,7 +129,7 @@ class Shift:
         return found if span is None else [each for each in found if is_within(each.verdict, span)]
 
     def faults(self, span: Span | None = None) -> list[ShownItem]:
-        """Return those of `items(span)` whose decision is FAULT, the latest item first."""
+        """Return the items of `items(span)` with the decision FAULT, the latest item first."""
         return [each for each in self.items(span) if each.verdict.decision == Decision.FAULT]
 
     def history(self) -> History:
@@ -139,10 +139,11 @@ class Shift:
         return history_of(zip(verdicts, zeros, strict=False))
 
     def empty_belt(self, item: ShownItem | None = None) -> NDArray[np.float64]:
-        """Return the longest segment of the empty belt before `item`, shape (n,), minus its mean.
+        """Return the signal of the longest segment with an empty belt, shape (n,), in kg.
 
-        The segment is in kg, and within 20 s before the item. n is 0 if there is no item, if its
-        time is not known, or if there are no samples.
+        The mean of the signal is subtracted. The segment is within the 20 s before `item`. The
+        array is empty if `item` is None, if the time of the item is not known, or if there are no
+        samples.
         """
         stamp = None if item is None else item.verdict.time
         return np.zeros(0) if stamp is None else self.signal.empty_belt(stamp - _BELT, stamp)

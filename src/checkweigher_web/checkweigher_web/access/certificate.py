@@ -17,7 +17,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from checkweigher_core.whole_file import check_new, write_whole
 
-_VALID = timedelta(days=825)  # validity of the certificate, the longest that Safari accepts
+_VALID = timedelta(days=825)  # validity of a new certificate: the maximum that Safari accepts
 
 
 class CertificateError(ValueError):
@@ -48,7 +48,7 @@ def make_certificate(names: Sequence[str], certificate: Path, key: Path) -> str:
         .issuer_name(subject)
         .public_key(secret.public_key())
         .serial_number(x509.random_serial_number())
-        .not_valid_before(now - timedelta(hours=1))  # for browsers whose clock is slow
+        .not_valid_before(now - timedelta(hours=1))  # valid for browsers with a slow clock
         .not_valid_after(now + _VALID)
         .add_extension(alternatives, critical=False)
         .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
@@ -72,8 +72,8 @@ def check_pair(certificate: Path, key: Path) -> None:
     """Check that a server can use a certificate and its private key.
 
     Raises `CertificateError` if a file cannot be read, if the permissions of the key let other
-    users access it, or if the files are not a certificate and its key in PEM format without a
-    password.
+    users access the key, or if the files are not in PEM format, are protected by a password, or do
+    not belong together.
     """
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     for path in (certificate, key):

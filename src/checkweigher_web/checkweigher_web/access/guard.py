@@ -20,16 +20,17 @@ from checkweigher_web.access.site import Site
 from checkweigher_web.access.throttle import Throttle
 from checkweigher_web.access.users import Role, UserFile, default_users
 
-# The policy allows unsafe-inline and unsafe-eval, because NiceGUI writes scripts and styles into
-# its pages and compiles Vue templates in the browser. The policy forbids scripts in attributes of
-# elements, files from other sites, connections and forms to other sites, and frames around a page.
+# The content security policy allows unsafe-inline and unsafe-eval, because NiceGUI writes scripts
+# and styles into its pages and compiles Vue templates in the browser. The policy forbids scripts in
+# attributes of elements, files from other sites, connections and forms to other sites, and frames
+# around a page.
 _POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; "
     "script-src-attr 'none'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
     "font-src 'self' data:; object-src 'none'; frame-ancestors 'none'; base-uri 'none'; "
     "form-action 'self'"
 )
-# Policy of pages without NiceGUI, such as the login.
+# Content security policy of pages without NiceGUI, such as the login form.
 PLAIN_POLICY = (
     "default-src 'none'; style-src 'self'; img-src 'self'; frame-ancestors 'none'; "
     "base-uri 'none'; form-action 'self'"
@@ -92,9 +93,8 @@ class Access:
     def expel(self) -> None:
         """Reload and delete the pages whose session had already ended at the previous call.
 
-        At the first call after a logout, the browser may still be waiting for the answer to the
-        logout, which it would not receive if the page were reloaded. The page is therefore reloaded
-        at the second call.
+        The delay of one call lets a browser receive the response to its logout before the page is
+        reloaded.
         """
         clients = list(Client.instances.values())
         ended = {client.id for client in clients if client.page.path and not self.role_of(client)}
@@ -117,13 +117,13 @@ def _identifier(client: Client) -> str:
 class Guard:
     """ASGI application that passes requests on to another application, or refuses them.
 
-    A request needs a session, unless the site is open, or the request is for the login, a style
-    sheet or another file that anybody may read. A request to read a page without a session is
-    redirected to the login.
+    A request needs a session unless the site is open or the requested file is public, such as the
+    login form and the style sheets. A GET or HEAD request for a page is redirected to the login
+    form if the request needs a session but has none.
 
-    Another web site could point its own host name to this machine and let a browser open the page
-    under this name, or it could let a browser open a socket to the page. Such requests are refused,
-    so that the other site cannot read the data of the line.
+    Requests for a host name that the site does not serve are refused, because another web site
+    could point its own host name to this machine to read the data of the line. Requests that come
+    from another web site are refused, because that site could otherwise open a socket to the page.
     """
 
     def __init__(self, app: ASGIApp, access: Access) -> None:
@@ -190,9 +190,9 @@ class Guard:
 def _bound(scope: Scope, identifier: str) -> Scope:
     """Return a copy of the scope of a request, with the identifier of its session.
 
-    `identifier` is '' for a request without a session. If a socket names the page of another
-    session, the name in the scope is replaced by that of an unknown page. NiceGUI then refuses the
-    socket, and the browser reloads the page.
+    `identifier` is '' for a request without a session. If a socket names a page of another session,
+    the page identifier in the scope is replaced by an invalid one. NiceGUI refuses a socket with an
+    invalid page identifier, and the browser then reloads the page.
     """
     scope = {**scope, _SESSION: identifier}
     if scope['path'].startswith(_SOCKET):
@@ -207,11 +207,11 @@ def _bound(scope: Scope, identifier: str) -> Scope:
 def bind_events(access: Access) -> None:
     """Accept the events of a page only from the sockets of this page.
 
-    Otherwise, NiceGUI would accept events from any socket that names the page. Events of the type
+    By itself, NiceGUI accepts events from any socket that names the page. Events of the type
     `event`, such as clicks, count as use of the session.
     """
     handlers = core.sio.handlers['/']
-    del handlers['log']  # This event would let browsers write to the server log.
+    del handlers['log']  # The event `log` would let browsers write to the server log.
     for name in ('event', 'javascript_response', 'ack'):
         core.sio.on(name, partial(_handle, name, handlers[name], access))
 
@@ -246,7 +246,8 @@ def _with_headers(send: Send, path: str, site: Site) -> Send:
             headers.setdefault('Content-Security-Policy', _POLICY)
             if not path.startswith(_ASSETS):
                 headers['Cache-Control'] = 'no-store'
-            # HSTS is not sent on localhost, because other servers there may have no TLS.
+            # HSTS applies to all ports of a host. Do not send HSTS on localhost, because other
+            # servers on localhost may lack TLS.
             if site.secure and not site.open:
                 headers['Strict-Transport-Security'] = 'max-age=31536000'
         await send(message)

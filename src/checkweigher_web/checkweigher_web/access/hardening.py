@@ -13,7 +13,7 @@ from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 
 from checkweigher_core.printable import one_line
 
-REQUEST = 10.0  # maximum time in s for a complete request
+REQUEST = 10.0  # maximum time in s to receive a complete request
 WAITING = 100  # maximum number of pages whose browsers have not opened a socket
 _PLACES = 3  # number of innermost stack frames that are logged for an error
 
@@ -67,7 +67,7 @@ class LineHandler(logging.Handler):
 
 def log_in_lines() -> None:
     """Send the warnings and errors of all server libraries to a `LineHandler`."""
-    # Remove the handlers of these loggers, which would write the records a second time.
+    # The handlers of Engine.IO and Socket.IO would write each record a second time.
     for name in ('engineio.server', 'socketio.server'):
         logging.getLogger(name).handlers.clear()
     logging.basicConfig(handlers=[LineHandler()], force=True)
@@ -76,8 +76,8 @@ def log_in_lines() -> None:
 def forget_waiting() -> None:
     """Delete the pages whose browsers have not opened a socket, except the latest `WAITING` pages.
 
-    Each page takes 0.3 MiB for a minute, so many requests could otherwise exhaust the memory. A
-    browser that opens the socket of a deleted page loads the page again.
+    A page without a socket takes 0.3 MiB of memory for a minute, so many requests could otherwise
+    exhaust the memory. A browser that opens the socket of a deleted page loads the page again.
     """
     waiting = [client for client in Client.instances.values() if client.environ is None]
     for client in waiting[:-WAITING]:

@@ -73,7 +73,7 @@ class _Forms:
     def __init__(self, access: Access) -> None:
         self._access = access
         self._log = get_logger('page')
-        self._turn = asyncio.Lock()  # one password check at a time, because each takes 64 MiB
+        self._turn = asyncio.Lock()  # one password check at a time, because a check takes 64 MiB
         self._form_cookie = f'{access.cookie}-form'
         self._cookie: dict[str, Any] = {
             'httponly': True,
@@ -96,7 +96,7 @@ class _Forms:
         say = language_of(request.headers, request.cookies)
         text = escape(say('Look without a login'))
         link = f'<p><a href="/">{text}</a></p>'
-        # Print the code again, because the line from the start may have scrolled away.
+        # Print the code again, because the line printed at startup may have scrolled away.
         if code := self._access.first_code:
             print(f'page: {first_user(code)}', file=sys.stderr, flush=True)
         first = _FIRST.format(text=escape(say(_NO_USER)), code=escape(say('Code')))
@@ -121,7 +121,7 @@ class _Forms:
         return answer
 
     async def log_in(self, request: Request) -> Response:
-        """Log a user in and redirect to the page, or return the form with the reason of a refusal.
+        """Log a user in and redirect to the page, or return the form with the reason for a refusal.
 
         If the form contains the code for the first user, this user is added before the login.
         """
@@ -138,7 +138,7 @@ class _Forms:
         throttle, keys = self._access.throttle, keys_of(name, address)
         who = f'login of {one_line(name)!r} from {address}'
         if wait := throttle.wait(*keys):
-            # Write this line at most once per second, because repeated attempts could otherwise
+            # Log refused logins at most once per second, because repeated attempts could otherwise
             # fill the log.
             self._log.warning(
                 f'{who}: refused, {wait:.0f} s too soon after failures', throttle_duration_sec=1.0
@@ -168,7 +168,7 @@ class _Forms:
         return answer
 
     async def _first_user(self, name: str, given: dict[str, str]) -> tuple[User | None, str]:
-        """Add and return the first user, or return None and the reason of the refusal."""
+        """Add and return the first user, or return None and the reason for the refusal."""
         if not _same(given['code'].strip().lower(), self._access.first_code):
             return None, Text('The code is wrong: the page shows it where it was started.')
         path, password = self._access.users.path, given.get('password', '')
@@ -181,7 +181,8 @@ class _Forms:
     async def log_out(self, request: Request) -> Response:
         """End the session, and redirect to the login form.
 
-        If the form lacks the token of the session, returns an error response and keeps the session.
+        If the logout form lacks the token of the session, returns an error response and does not
+        end the session.
         """
         identifier = request.cookies.get(self._access.cookie, '')
         session, given = self._access.sessions.find(identifier), await _fields(request)

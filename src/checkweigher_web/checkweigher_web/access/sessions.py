@@ -16,14 +16,15 @@ ABSOLUTE = 12 * 3600.0  # maximum duration of a session in s
 class Session:
     """Session of a user, who has logged in from the network address `address`.
 
-    `user` is the user as in the users file at the login. A logout form must contain `token`.
+    `user` is the entry of the user in the users file at the time of the login. A logout form must
+    contain `token`.
     """
 
     user: User
     address: str
     token: str
     began: float  # time of the login in s
-    used: float  # time of the latest use in s
+    used: float  # time of the latest use of the session in s
 
 
 class Sessions:
@@ -50,8 +51,7 @@ class Sessions:
     def find(self, identifier: str, *, used: bool = False) -> Session | None:
         """Return the session with an identifier, or None if it has ended or never existed.
 
-        A session also ends if its user is removed or gets another role or password. If `used`
-        is true, the call counts as use of the session.
+        If `used` is true, the call counts as use of the session.
         """
         session, now = self._sessions.get(identifier), self._clock()
         if session is None:
@@ -70,9 +70,9 @@ class Sessions:
 
 
 def _rights(user: User | None) -> tuple[Role, str] | None:
-    """Return the role and the password hash of a user, or None without a user.
+    """Return the role and the password hash of a user, or None if `user` is None.
 
-    A change of these values ends the sessions of the user. The values do not include the keys of
-    the user, because the first signature adds a key, and must not end the session.
+    A change of the role or the hash ends the sessions of the user. The keys of the user are left
+    out, because the first signature adds a key and must not end the session.
     """
     return (user.role, user.hash) if user else None

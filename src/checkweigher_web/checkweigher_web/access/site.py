@@ -54,7 +54,8 @@ class Site:
     def address(self) -> str:
         """Address of the page, followed by its address at the reverse proxy if there is one.
 
-        The address contains the name of this machine if the server listens on all its addresses.
+        If the server listens on all addresses of the machine, the address contains the name of the
+        machine.
         """
         host = gethostname() if self.host in ('0.0.0.0', '::') else self.host
         host = f'[{host}]' if ':' in host else host
@@ -65,9 +66,10 @@ class Site:
     def serves(self, host: str) -> bool:
         """Return whether the page is served under `host`, a host name with or without a port.
 
-        On the loopback address, only `self.host` and localhost are served, because another web site
-        could point its own name to this machine. On other addresses, the TLS certificate protects
-        against such names. Behind a reverse proxy, only requests for its name are served.
+        On a loopback address, only `self.host` and localhost are served, because another web site
+        could point its own name to this machine. On other addresses, all names are served, because
+        the TLS certificate is not valid for the names of other web sites. Behind a reverse proxy,
+        only the name of the proxy is served.
         """
         if self.origin:
             return host.lower() == urlsplit(self.origin).netloc
@@ -77,7 +79,7 @@ class Site:
         return not self.loopback or name in (self.host, 'localhost')
 
     def checked(self) -> 'Site':
-        """Check the site, and return it with its users file and a normalised origin.
+        """Check the site, and return a copy with the users file and a normalised origin.
 
         Raises `PageError`, `CertificateError`, `SettingsError` or `OutputError` if the site cannot
         be served.
@@ -93,8 +95,8 @@ class Site:
             check_folder_of(users)
         if not self.loopback and not self.certificate:
             raise PageError(
-                f'{self.host}: this address needs --certificate and --key, which checkweigher '
-                'certificate makes'
+                f'{self.host}: this address needs --certificate and --key; run: checkweigher '
+                'certificate'
             )
         if self.certificate is not None and self.key is not None:
             check_pair(self.certificate, self.key)

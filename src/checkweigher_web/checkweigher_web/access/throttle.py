@@ -18,11 +18,12 @@ def keys_of(account: str, address: str) -> tuple[str, str]:
 class Throttle:
     """Waiting times after successive failures of a key, which is an account or an address.
 
-    The time is 1 s after the third failure, and doubles with each further failure up to 5 min. The
-    count of failures restarts after 1 h without a failure. A login resets the failures of its
-    account, and also those of its address, because all users at the belt share one address. The
-    failures of other accounts still count. Otherwise, a user who guesses the passwords of other
-    users could reset their waiting times by a login. `clock` returns the time in s.
+    The waiting time is 1 s after the third failure, and doubles with each further failure up to
+    5 min. The count of failures restarts after 1 h without a failure. A successful login resets the
+    failures of its account, and also the failures of its address, because all users at the belt
+    share one address. The failures of other accounts still count, because otherwise a user who
+    guesses the passwords of other users could reset their waiting times by a login. `clock` returns
+    the time in s.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -31,10 +32,7 @@ class Throttle:
         self._failures: dict[str, tuple[int, float]] = {}
 
     def wait(self, *keys: str) -> float:
-        """Return the waiting time in s before the next attempt with these keys.
-
-        This is the longest of the waiting times of the keys, or 0 if an attempt is allowed now.
-        """
+        """Return the longest waiting time in s of the keys, or 0 if an attempt is allowed now."""
         now = self._clock()
         return max(0.0, *(self._until(key) - now for key in keys))
 

@@ -37,7 +37,7 @@ _HASHER = PasswordHasher()  # argon2id with the parameters of RFC 9106 for low m
 
 
 class Role(IntEnum):
-    """Rights of a user. Each role includes the rights of the lower ones."""
+    """Rights of a user. Each role includes the rights of the lower roles."""
 
     VIEWER = 1
     OPERATOR = 2
@@ -66,10 +66,10 @@ class User(Settings):
     def __post_init__(self) -> None:
         check_name(self.name)
         if not self.hash.startswith('$argon2'):
-            raise UsersError('is no argon2 hash; run: checkweigher user password', 'hash')
+            raise UsersError('is not an argon2 hash; run: checkweigher user password', 'hash')
 
     def has_password(self, password: str) -> bool:
-        """Return whether the password of the user is correct. The check takes about 0.1 s."""
+        """Return whether the password of the user is correct, which takes about 0.1 s."""
         try:
             return _HASHER.verify(self.hash, unicodedata.normalize('NFC', password))
         except (VerificationError, InvalidHashError):
@@ -104,9 +104,9 @@ class WrongPasswordError(SigningError):
 
 
 def least_role(meaning: str) -> Role:
-    """Return the lowest role whose users may sign with a meaning.
+    """Return the lowest role that may sign a record with a given meaning.
 
-    This is TECHNICIAN for the meaning RELEASE, and OPERATOR for any other meaning.
+    The role is TECHNICIAN for the meaning RELEASE, and OPERATOR for any other meaning.
     """
     return Role.TECHNICIAN if meaning == RELEASE else Role.OPERATOR
 
@@ -164,7 +164,7 @@ def hash_password(name: str, password: str) -> str:
     return _HASHER.hash(unicodedata.normalize('NFC', password))
 
 
-# User with a random password of 16 bytes, which was not kept. Checking a password for this user
+# User with a random password of 16 bytes, which was not stored. Checking a password for this user
 # takes as much time as for any other user, so that the time does not reveal which names exist. The
 # hash is a constant, because its computation would delay each start of the page by 0.3 s.
 NOBODY = User(
@@ -202,7 +202,7 @@ def _read(path: Path) -> UsersFile:
             older = file.read(1) != b'{'
     except FileNotFoundError:
         raise UsersError(
-            f'{path}: there is no such file; checkweigher user add NAME --role R makes it'
+            f'{path}: there is no such file; run: checkweigher user add NAME --role R'
         ) from None
     except OSError as error:
         raise UsersError(f'{path}: cannot be read: {error}') from None
@@ -233,7 +233,7 @@ def write_users(path: Path, users: dict[str, User]) -> None:
     """Write users to a users file, which only its owner may read and write.
 
     Raises `OutputError` if the file cannot be written, and `SettingsError` if the previous file is
-    not valid. In both cases, the previous file is kept.
+    not valid. An error does not change the previous file.
     """
     known = _read(path) if path.exists() else UsersFile()
     try:
@@ -287,7 +287,7 @@ def check_user(path: Path, name: str, *, exists: bool = True) -> str:
 def _of_change(path: Path, name: str, *, exists: bool) -> dict[str, User]:
     users = read_users(path) if exists or path.exists() else {}
     if (name in users) != exists:
-        raise UsersError(f'user {name} is {"not there" if exists else "there already"}')
+        raise UsersError(f'user {name} {"does not exist" if exists else "exists already"}')
     return users
 
 
@@ -327,9 +327,10 @@ def remove_user(path: Path, name: str) -> None:
 
 @lru_cache(maxsize=1)
 def _users_at(path: Path, *state: int) -> dict[str, User]:
-    """Return the users of a file.
+    """Return the users of a file, and cache the latest result.
 
-    Only the latest result is cached. The file is read again when `path` or `state` changes.
+    `state` contains values of `os.stat` that change with the file, so that a changed file is read
+    again.
     """
     return read_users(path)
 

@@ -17,13 +17,14 @@ class Matrix(NamedTuple):
     """Table of the accuracy on held-out passes, and lines of text on the effect of training."""
 
     heads: tuple[str, ...]
-    # The row of the chosen estimator is first. The others follow, the most accurate first.
+    # The row of the chosen estimator is first, followed by the rows of the other estimators, the
+    # most accurate first.
     rows: tuple[tuple[str, ...], ...]
     changes: tuple[str, ...]
 
 
 def matrix_of(lines: Sequence[str], say: Language = ENGLISH) -> Matrix:
-    """Return the matrix for the lines of `accuracy_lines`.
+    """Return the matrix for the lines that `accuracy_lines` returns for a parameter file.
 
     Without lines, the matrix has only the heading of its first column.
     """
@@ -64,7 +65,7 @@ def _changes(
 
     There is a line for each speed at which both accuracies are known. The best estimator is the
     chosen one, or the most accurate one if none is chosen. If training does not improve the
-    accuracy clearly, a single line states this. Without estimators, there are no lines.
+    accuracy clearly, a single line states this. Returns () if there are no estimators.
     """
     if not names:
         return ()

@@ -23,10 +23,10 @@ from checkweigher_validation.verification.steps import StepKind, steps_of
 from checkweigher_web.languages.language import Mass, Text
 from checkweigher_web.work.services import LaneServices
 
-# Largest ratio of a mass that is to be weighed to the heaviest recorded mass, and of the lightest
-# recorded mass to a mass that is to be weighed. On simulated machines, the estimator `learned`,
-# trained on 150 g alone, has mean errors of at most 0.06 g from 50 to 225 g, but up to 0.12 g at
-# 300 g and 0.42 g at 500 g.
+# A mass is covered up to `_HEAVIER` times the heaviest recorded mass, and down to the lightest
+# recorded mass divided by `_LIGHTER`. On simulated machines, the estimator `learned`, trained on
+# 150 g alone, has mean errors of at most 0.06 g from 50 to 225 g, but up to 0.12 g at 300 g and
+# 0.42 g at 500 g.
 _HEAVIER, _LIGHTER = 1.5, 3.0
 _SAME_SPEED = 0.03  # largest relative difference between speeds that count as equal
 _MANY = 1000  # maximum number of bags whose passes are cached
@@ -70,9 +70,9 @@ def passes_in(bags: Iterable[str]) -> tuple[Recorded, ...]:
 def _recorded(bag: Path, changed: int) -> Recorded | None:
     """Return the passes in a bag. All passes in a bag have the same mass.
 
-    Returns None if the bag is damaged, or lacks the load cell, or an edge of the outfeed eye after
-    a reference mass. `changed` is the time of the last change of the bag in ns, so that a changed
-    bag is read again, but a damaged bag is not read at each update of the page.
+    Returns None if the bag is damaged, lacks the data of the load cell, or has no edge of the
+    outfeed eye after a reference mass. `changed` is the time of the last change of the bag in ns.
+    The result is cached until the bag changes, even if the bag is damaged.
     """
     topics = ports.LOAD_CELL_INFO, ports.PHOTO_EYES, ports.REFERENCE_MASS
     try:
@@ -103,8 +103,8 @@ def usual_spacing(known: Iterable[Recorded]) -> float:
 def loads_of(plan: str) -> list[Load]:
     """Return the speed in m/s and the mass in kg for each step in which a load passes the belt.
 
-    `plan` is the text of a verification plan. Steps outside the range of speeds are left out,
-    because their passes must be faults. Returns [] if the plan is not valid.
+    `plan` is the text of a verification plan. Steps outside the range of dynamic setting are left
+    out, because their passes must be faults. Returns [] if the plan is not valid.
     """
     try:
         steps = steps_of(read_plan(plan))
@@ -118,13 +118,13 @@ def loads_of(plan: str) -> list[Load]:
 
 
 def not_covered(known: Sequence[Recorded], loads: Iterable[Load]) -> Iterator[Load]:
-    """Yield the lightest and the heaviest load at each speed, unless recorded passes cover it.
+    """Yield the lightest and the heaviest load at each speed, unless the load is covered.
 
-    A load is covered if both its speed and its mass are covered. A speed is covered between the
-    lowest and the highest recorded speed, and up to 3 % outside, because training interpolates
-    there. A mass is covered if it is at most 1.5 times the heaviest recorded mass at the nearest
-    recorded speed, and at least a third of the lightest one. Without recorded passes, no load is
-    covered.
+    A load is covered if recorded passes cover both its speed and its mass. A speed is covered
+    between the lowest and the highest recorded speed, where training interpolates, and up to 3 %
+    outside this range. A mass is covered if it is at most 1.5 times the heaviest recorded mass at
+    the nearest recorded speed, and at least a third of the lightest recorded mass at that speed.
+    Without recorded passes, no load is covered.
     """
     masses: dict[float, set[float]] = {}
     for speed, mass in loads:
@@ -146,9 +146,10 @@ def _is_covered(known: Sequence[Recorded], speed: float, mass: float) -> bool:
 
 
 def lines_of(lacking: Iterable[Load]) -> list[Text]:
-    """Return a line for each load that the recorded passes do not cover, and a line of advice.
+    """Return a line for each load in `lacking`, and a line of advice.
 
-    `lacking` contains these loads. Returns [] if `lacking` is empty.
+    `lacking` contains the loads that the recorded passes do not cover. Returns [] if `lacking` is
+    empty.
     """
     lines = [
         Text(

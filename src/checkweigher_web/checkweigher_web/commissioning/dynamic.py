@@ -27,8 +27,9 @@ from checkweigher_web.work.actions import products
 from checkweigher_web.work.dialogs import field, mass_in, number_in
 from checkweigher_web.work.services import ActionRefusedError
 
-# Duration of the training in s on two free cores without passes, and additional time in s for each
-# pass. Measured with `checkweigher tune` on 20 to 360 passes at one to three speeds.
+# Duration in s of a training without passes, and additional duration in s for each pass. Both
+# durations were measured on two free cores with `checkweigher tune`, on 20 to 360 passes at one to
+# three speeds.
 _TRAINING, _TRAINING_OF_PASS = 5.0, 0.045
 _MANY = 100_000  # upper bound of the number of passes, exclusive
 _FOR_VERIFICATION = Text(
@@ -123,8 +124,8 @@ class DynamicStep(Step):
     async def _show_coverage(self) -> None:
         """Show the recorded passes, and the loads to be weighed that these passes do not cover.
 
-        The loads are those of the verification plan, unless it is still the example, and those of
-        the recipes at each recorded speed.
+        The loads come from the verification plan, unless the plan is still the example, and from
+        the recipes, whose masses are weighed at each recorded speed.
         """
         before, self._known = self._known, await recorded(self.services)
         if self._said is None or self._known != before:
@@ -149,9 +150,9 @@ class DynamicStep(Step):
         return [each.nominal + each.tare for each in known.values()]
 
     def _progress(self, said: DynamicSetting) -> tuple[float, str]:
-        """Return the completed fraction of the running action, and a text on it.
+        """Return the completed fraction of the running action, and a text on its progress.
 
-        If no action runs, the fraction is NaN, and the text is the reason of a failure, or the
+        If no action runs, the fraction is NaN, and the text is the reason for a failure, or the
         expected duration of the training.
         """
         if said.state == DynamicSetting.RECORDING:
@@ -280,7 +281,8 @@ class DynamicStep(Step):
     async def _drop(self) -> None:
         async def drop() -> str:
             now = self.services.setting
-            # Refuse this while an action runs, because the service would cancel the action.
+            # Refuse to drop the parameters while an action runs, because the service would cancel
+            # the action.
             if now is None or self._works(now):
                 raise ActionRefusedError('busy')
             await self.services.message(ports.CANCEL_PASSES)

@@ -25,7 +25,7 @@ class LimitsStep(Step):
     )
 
     def _build(self) -> None:
-        self._texts = ['', '']  # limits in use, as the fields last showed them
+        self._texts = ['', '']  # texts of the limits in use that the fields last showed
         with ui.element('div').classes('fields'):
             self._lower = field(self.say('Lower limit'), unit=self.say.unit)
             self._upper = field(self.say('Upper limit'), unit=self.say.unit)
@@ -33,8 +33,8 @@ class LimitsStep(Step):
     def standing(self) -> Standing:
         """Return whether a limit is set, and a text with the limits in use.
 
-        The step is also not done if the limits are not known, or if the line accepts nothing
-        because no product is selected.
+        The limits count as not set if they are not known, or if the line accepts nothing because
+        no product is selected.
         """
         product = self.services.product
         if product is None:

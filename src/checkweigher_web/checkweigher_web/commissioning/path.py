@@ -132,7 +132,7 @@ class _Tab:
 
 
 class _Button:
-    """Button at a fixed place, whose label and function are those of the present `Choice`.
+    """Button at a fixed place, with the label and the function of the present `Choice`.
 
     The button is hidden while there is no choice for its place.
     """

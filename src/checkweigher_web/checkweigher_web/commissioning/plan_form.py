@@ -65,12 +65,12 @@ _OF_MASS = (
     ('serial', Text('serial number')),
 )
 _NUMBERS = 'factor', 'passes'
-# Keys whose values differ with each verification. The page names those of them whose values are
-# still those of the example plan.
+# Keys whose values differ between verifications. The page names the keys that still have the value
+# of the example plan.
 _OWN = 'operator', 'place', 'environment', 'maker', 'type', 'certificate', 'serial'
-# Values of a recorded mass in a new plan. The page names those of them that a user has to replace.
+# Values of a recorded mass in a new plan. The page lists these fields until the user fills them in.
 _UNKNOWN = {'certificate': '?', 'serial': '?', 'uncertainty_g': 0}
-# Distance in m from one product to the next if no passes were recorded.
+# Assumed distance in m from one product to the next if no passes were recorded.
 _SPACING = 1.0
 # Labels of the tests that a plan may omit, by the keys of their sections.
 TESTS = {
@@ -112,10 +112,11 @@ def new_plan(
 ) -> str:
     """Return the example plan with an operator, a load cell, and recorded masses and speeds.
 
-    The value of the example is kept instead of an empty one, and if `load_cell` is None. `passes`
-    were recorded for the training. Without any, the masses, speeds and tests of the example are
-    kept. Otherwise Min and Max are close to the lightest and the heaviest recorded mass, and the
-    plan has no warm-up, which only a type evaluation needs. `uncertainties` contains known standard
+    A value that is empty does not replace the value of the example. If `load_cell` is None, its
+    type and serial number count as empty. `passes` are the passes that were recorded for training.
+    Without recorded passes, the plan keeps the masses, speeds and tests of the example. Otherwise
+    Min and Max are close to the lightest and the heaviest recorded mass, and the plan has no
+    warm-up, which only a type evaluation needs. `uncertainties` contains known standard
     uncertainties in kg by the mass in kg.
     """
     text, example = EXAMPLE, _values_of_example()
@@ -170,7 +171,7 @@ def _values_of_example() -> dict[tuple[str, ...], str]:
 def fields_of(text: str, say: Language = ENGLISH) -> list[tuple[Field, str]]:
     """Return the fields of the form for the text of a plan, each with its value.
 
-    Masses have the unit of `say`. Raises `ParameterError` if the text is not a YAML mapping.
+    Masses are in the unit of `say`. Raises `ParameterError` if the text is not a YAML mapping.
     """
     plan = _sections(text)
     masses = plan.get('references')
@@ -185,16 +186,19 @@ def fields_of(text: str, say: Language = ENGLISH) -> list[tuple[Field, str]]:
 
 
 def chosen_tests(text: str) -> set[str]:
-    """Return the keys of the tests in a plan. Raises `ParameterError` as `fields_of` does."""
+    """Return the keys of the tests in a plan.
+
+    Raises `ParameterError` if the text is not a YAML mapping.
+    """
     return {key for key in TESTS if _sections(text).get(key)}
 
 
 def with_value(text: str, path: tuple[str, ...], value: str, say: Language = ENGLISH) -> str:
     """Return the text of a plan with a new value for a field. An empty value removes the key.
 
-    The value of a mass is in the unit of `say`, and is converted to g for the plan. A text instead
-    of a number is kept, and the check of the plan then refuses it. Raises `ParameterError` as
-    `fields_of` does.
+    The value of a mass is in the unit of `say`, and is converted to g for the plan. If a number is
+    needed and the value is not a number, the value is kept as text, and the check of the plan
+    rejects the plan. Raises `ParameterError` if the text of the plan is not a YAML mapping.
     """
     plan = section = _sections(text)
     for key in path[:-1]:
@@ -210,8 +214,8 @@ def with_test(text: str, key: str, *, made: bool) -> str:
     """Return the text of a plan with a test if `made` is true, otherwise without the test.
 
     An added test is a copy of the test in the example plan, with the loads and the first speed of
-    this plan. A test of one load has the load nearest to a third of Max. Raises `ParameterError` as
-    `fields_of` does.
+    this plan. A test with one load gets the load nearest to a third of Max. Raises `ParameterError`
+    if the text is not a YAML mapping.
     """
     plan = _sections(text)
     plan.pop(key, None)
@@ -237,8 +241,8 @@ def _as_in_example(key: str, plan: Mapping[str, Any]) -> Any:
 def without_mass(text: str, name: str) -> str:
     """Return the text of a plan without a reference mass.
 
-    A test of this mass alone gets the one of the others that is nearest to a third of Max. Raises
-    `ParameterError` as `fields_of` does.
+    A test whose only load is this mass gets the remaining load that is nearest to a third of Max.
+    Raises `ParameterError` if the text is not a YAML mapping.
     """
     plan = _sections(text)
     plan['references'] = {k: v for k, v in (plan.get('references') or {}).items() if k != name}
@@ -262,7 +266,7 @@ def _third_of_max(plan: Mapping[str, Any]) -> str:
 
 
 def _tests_in(plan: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
-    """Yield the section of each test, and each part of a section that is a list."""
+    """Yield the section of each test, or each entry of the section if the section is a list."""
     for key in TESTS:
         section = plan.get(key)
         for each in section if isinstance(section, list) else [section]:
@@ -273,9 +277,9 @@ def _tests_in(plan: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
 def summary(text: str, known: LineFacts) -> tuple[Text, list[tuple[Text, str]], list[Text]]:
     """Return a summary of a plan, its steps as rows, and lines on its shortcomings.
 
-    The lines name the values that a user has to give, the reasons why the plan cannot pass, and the
-    steps that cannot be decided because the uncertainty will be too large. If the plan is not
-    valid, the summary is the error, and there are no rows or lines.
+    The lines name the fields that the user still has to fill in, the reasons why the plan cannot
+    pass, and the steps that cannot be decided because the uncertainty will be too large. If the
+    plan is not valid, the summary is the error, and there are no rows or lines.
     """
     try:
         plan = read_plan(text)
@@ -304,7 +308,7 @@ def summary(text: str, known: LineFacts) -> tuple[Text, list[tuple[Text, str]], 
 
 
 def _not_given(text: str) -> Iterator[Text]:
-    """Yield a line with the fields that are as in the example or in a new plan, if any are."""
+    """Yield a line with the fields that have a value of the example or '?', if there are any."""
     example = _values_of_example()
     names = [
         field.label
@@ -415,14 +419,15 @@ def _grams(value: str, say: Language) -> float | int | str:
     number = _number(value)
     if isinstance(number, str):
         return number
-    # Eight digits restore the mass that `Language.entry` shows with nine.
+    # `Language.entry` shows a mass with 9 significant digits. Rounding to 8 digits restores the
+    # mass in g.
     return _number(f'{GRAMS / say.per_kg * number:.8g}')
 
 
 def _number(value: str) -> float | int | str:
-    """Return the number in a text, or the text itself if it is not a number.
+    """Return the number in a text, in which a comma counts as a decimal point.
 
-    The check of the plan refuses such a text. A comma counts as a decimal point.
+    A text that is not a number is returned unchanged, and the check of the plan rejects the plan.
     """
     try:
         number = float(value.strip().replace(',', '.'))

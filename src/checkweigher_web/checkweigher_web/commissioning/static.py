@@ -38,8 +38,8 @@ class StaticStep(Step):
     def standing(self) -> Standing:
         """Return whether the page has written a calibration, and a text with its version.
 
-        While there are readings that are not written, the step is not done, and the text contains
-        their number.
+        If there are readings that are not written yet, the step is not done, and the text contains
+        the number of these readings.
         """
         readings = self.services.readings
         if readings:

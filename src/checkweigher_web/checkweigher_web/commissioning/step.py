@@ -20,7 +20,7 @@ _POLL_PERIOD = 0.05  # s
 class Standing(NamedTuple):
     """State of a step: whether the step is done, and a text on its result or on missing parts.
 
-    A text that is not a `Text` is English.
+    `text` is English, and can be translated if it is a `Text`.
     """
 
     is_done: bool
@@ -93,7 +93,7 @@ class Step(ABC):
         return outcome.done
 
     async def begin(self, what: str, action: Action, name: str) -> None:
-        """Begin `action`, which performs the ROS action `name`, in a task of its own.
+        """Begin `action`, which performs the ROS action `name`, in a separate asyncio task.
 
         The task continues after the user leaves the page. Returns when the action has begun, has
         ended, or was refused.

@@ -53,14 +53,15 @@ from checkweigher_web.work.dialogs import field
 from checkweigher_web.work.reports import VERIFICATION, list_reports
 from checkweigher_web.work.services import Outcome
 
+# Number of latest items from which the standard deviation of the mass in one pass is predicted.
+_RECENT = 50
 _MANY = 10  # maximum number of verifications in the list
-_RECENT = 50  # number of latest items whose standard deviations predict that of a mass in one pass
 _EXAMPLE = Text('example')
 _STATES = {
     ProgressState.ASKING: Text('Do this, then press "Make it": {text}'),
     ProgressState.DECIDING: Text('Failed: make it again, or go on? {text}'),
 }
-_LONGEST_FILE = 4 * LONGEST  # maximum number of bytes that are read of a plan file
+_LONGEST_FILE = 4 * LONGEST  # maximum number of bytes that are read from a plan file
 
 
 class VerifyStep(Step):
@@ -132,13 +133,13 @@ class VerifyStep(Step):
             self._show_text(text)
 
     def _show_text(self, text: str) -> None:
-        """Show the text of a plan, and its values in the form. An invalid text has no form."""
+        """Show the text of a plan, and its values in the form, or no form for an invalid text."""
         self._store(text)
         self._plan.set_value(text)
         self._form.clear()
         try:
             fields, tests = fields_of(text, self.say), chosen_tests(text)
-        except ParameterError:  # Show no form. The summary shows the error.
+        except ParameterError:  # Show no form, because the summary shows the error.
             fields, tests = [], set()
         with self._form:
             masses = sum(entry.path[-1] == 'mass_g' for entry, _ in fields)
@@ -178,7 +179,7 @@ class VerifyStep(Step):
         self._show_text(without_mass(self._text, name))
 
     def _store(self, text: str) -> None:
-        """Store the text of the plan for this page, and as the user's own unless it is new."""
+        """Store a plan for this page, and also for the user if it differs from a new plan."""
         self._text = text
         self.services.plans[self.desk.person] = '' if text == self._new_plan() else text
 
@@ -297,7 +298,7 @@ class VerifyStep(Step):
     async def _answer(self, answer: StepAnswer, what: Text) -> None:
         """Send the user's answer to the question that the page shows, if there is one.
 
-        The verifier refuses the answer if it asks another question by then.
+        The verifier refuses the answer if it has asked another question in the meantime.
         """
         seen = self._said
         if seen is None or not seen.steps:

@@ -1,12 +1,12 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Texts and hints of the findings of the nodes, as they are in the diagnostics and alarms.
+"""Texts and hints of the findings that the nodes publish in diagnostics and alarms.
 
-The value of a placeholder may be one of these texts, too, such as 'later' or '3 gaps'. Some
-placeholders stand for values of one form: `word` for a text without spaces, `topic` for the full
-name of a topic, `hint` for the hint of a reason, and `advice` for such a hint with or without
-details. A name that ends with ``count`` stands for a whole number, and a name that ends with
-``mass`` for a mass with its unit.
+The value of a placeholder may be another text of this file, such as 'later' or '3 gaps'. The
+placeholder `word` stands for a text without spaces, and `topic` for the full name of a topic. The
+placeholder `hint` stands for the hint of a reason, and `advice` for the hint of a reason with or
+without details. A name that ends with ``count`` stands for a whole number, and a name that ends
+with ``mass`` for a mass with its unit.
 """
 
 from checkweigher_core.records.reasons import Reason, StopReason
@@ -14,7 +14,7 @@ from checkweigher_web.languages.language import Text
 
 REASONS = tuple(Text(each.hint) for each in (*Reason, *StopReason))
 TEXTS = (
-    # Clock, samples and photo-eyes
+    # Texts about the clock, the samples and the photo-eyes
     Text('edges arrive {seconds} s {side} than samples with the same stamp'),
     Text('later'),
     Text('earlier'),
@@ -52,7 +52,7 @@ TEXTS = (
     Text('the load lags {time} ms more behind the eyes than rise_lag states'),
     Text('relative to the eyes, the load rises {time} ms {side} than before'),
     Text('the rise of the load is not visible for most items, so that the eyes are not checked'),
-    # Driver, its inputs and its outputs
+    # Texts about the driver, its inputs and its outputs
     Text('{word} failed: {failure}'),
     Text('the source failed: {failure}'),
     Text('the source failed'),
@@ -77,7 +77,7 @@ TEXTS = (
     Text('products have passed for {seconds} s without a new zero'),
     Text('{mass}, above max_belt_noise of {limit_mass}'),
     Text('{mass}, {ratio} times the usual noise'),
-    # Items, estimates and verdicts
+    # Texts about items, estimates and verdicts
     Text('the last {count} items {what}, mostly {reason}'),
     Text('{failed_count} of the last {count} items {what}, mostly {reason}'),
     Text('were faults'),
@@ -152,7 +152,7 @@ HINTS = (
     *REASONS,
     Text('see docs/reasons.md'),
     Text('{advice}; then reset the stop'),
-    # Clock, samples and photo-eyes
+    # Hints about the clock, the samples and the photo-eyes
     Text('check that one clock stamps the load cell and the photo-eyes'),
     Text('check the sample rate in load_cell/info and the clock of the stamps'),
     Text('check the load on this machine and the network to the driver'),
@@ -176,7 +176,7 @@ HINTS = (
     Text('measure it by calibrate --dynamic, or set rise_lag to the delay of the amplifier'),
     Text('check the filter of the amplifier, the clocks, and the place and delay of the eyes'),
     Text('leave at least 0.06 s of empty belt before each item'),
-    # Driver, its inputs and its outputs
+    # Hints about the driver, its inputs and its outputs
     Text('see Source of driver'),
     Text('check its cable, power and parameters, then restart the driver'),
     Text('check cable and power; after the repair, reset the stop'),
@@ -193,7 +193,7 @@ HINTS = (
     Text('let the load cell warm up'),
     Text('increase the spacing of the products or decrease settle_time'),
     Text('strongest at {frequency} Hz: check rollers, belt joint, motor and floor'),
-    # Items, estimates and verdicts
+    # Hints about items, estimates and verdicts
     Text('check the load on this machine; a faster estimator or machine is needed'),
     Text('check Belt noise of segmenter, and run tune on passes of this machine'),
     Text('check its fastening, and whether an object lies on it or touches it'),

@@ -21,7 +21,7 @@ LANGUAGE, UNIT = 'checkweigher-language', 'checkweigher-unit'
 FOLDER = Path(__file__).parent  # folder with a catalogue NAME.po for each language except English
 _SOURCE = 'en_US'
 NAMES = (_SOURCE, *sorted(path.stem for path in FOLDER.glob('*.po')))
-# Number of units in 1 kg, and number of decimals of a mass in addition to those of a mass in g.
+# Number of units in 1 kg, and number of additional decimals compared with a mass in g.
 _UNITS = {'g': (GRAMS, 0), 'kg': (1.0, 3), 'lb': (1 / 0.45359237, 3), 'oz': (16 / 0.45359237, 2)}
 UNITS = tuple(_UNITS)
 
@@ -39,8 +39,8 @@ class Number(str):
 class Text(str):
     """English text that `Language` can translate later, with values for its placeholders.
 
-    The string itself is English, with masses in g, because the audit log needs such a text. A value
-    may be another `Text`, a `Mass`, a `Number`, an integer, or a name, which is not translated.
+    The string itself is English, with masses in g, for the audit log. A value may be another
+    `Text`, a `Mass`, a `Number`, an integer, or a name, which is not translated.
     """
 
     __slots__ = ('template', 'values')
@@ -60,7 +60,7 @@ class Language:
     A call with an English text returns its translation. `name` is 'en_US' or the name of a
     catalogue, and `unit` is one of `UNITS`. `tag` is the language tag for HTML, and `point` is the
     decimal mark. `per_kg` is the number of units in 1 kg, and `more_digits` is the number of
-    decimals of a mass in addition to those of a mass in g.
+    additional decimals compared with a mass in g.
     """
 
     def __init__(self, name: str = _SOURCE, unit: str = 'g') -> None:
@@ -157,10 +157,10 @@ class Language:
 
 @cache
 def language(name: str = _SOURCE, unit: str = 'g') -> Language:
-    """Return a language, which all viewers with the same choice share.
+    """Return the language object for a name and a unit, which all viewers share.
 
-    Caches of texts and figures have the language in their keys. These viewers therefore also share
-    the cached objects.
+    The keys of cached texts and figures contain the language object, so viewers with the same
+    language and unit also share these texts and figures.
     """
     return Language(name, unit)
 
@@ -168,7 +168,7 @@ def language(name: str = _SOURCE, unit: str = 'g') -> Language:
 def language_of(headers: Mapping[str, str], cookies: Mapping[str, str]) -> Language:
     """Return the language and unit that a user has chosen, by default the browser's language and g.
 
-    `headers` and `cookies` are those of the request of the browser.
+    `headers` and `cookies` are the headers and cookies of the request of the browser.
     """
     name, unit = cookies.get(LANGUAGE, ''), cookies.get(UNIT, '')
     if name not in NAMES:
@@ -177,7 +177,7 @@ def language_of(headers: Mapping[str, str], cookies: Mapping[str, str]) -> Langu
 
 
 def _accepted(header: str) -> str:
-    """Return the first language of an Accept-Language header that the page has, or English.
+    """Return the first available language of an Accept-Language header, or English.
 
     The weights in the header and the regions of its languages are ignored.
     """

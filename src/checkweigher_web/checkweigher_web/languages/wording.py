@@ -12,8 +12,8 @@ from checkweigher_web.languages.language import Mass, Number, Text
 
 _MASS = re.compile(r'(-?\d+(?:\.\d+)?) kg\b')
 _NUMBER = re.compile(r'[-+]?\d+\.\d+')
-# Instructions for a technician, by regular expressions. An instruction replaces each message in
-# which its regular expression finds a match.
+# Instructions for a technician, by regular expressions for messages. An instruction replaces each
+# message in which its regular expression finds a match.
 _TEXTS = {
     r'no load was read': Text('Read the empty belt and a known mass first.'),
     r'a load is being read': Text('A load is being read: wait until that has ended.'),
@@ -83,7 +83,7 @@ _MESSAGES = (
     Text('{belt}; once the step has begun, let {load} pass, lane {lane}'),
     Text('{done_count} of {count} passes: {mass}, {error_mass}'),
     Text('{done_count} of {count} passes: no mass, {reasons}'),
-    # Departures of a plan from the rules
+    # Departures of a verification plan from the rules
     Text('The plan has no test of {name}.'),
     Text('zero'),
     Text('eccentricity'),
@@ -115,8 +115,8 @@ _MESSAGES = (
 
 
 _REASON_HINT = '|'.join(re.escape(each) for each in REASONS)
-# Regular expressions for the values of placeholders, by the last word of their names. Other values
-# may be any text.
+# Regular expressions for the values of placeholders, by the last word of the placeholder name. The
+# value of a placeholder with another name may be any text.
 _VALUES = {
     'mass': r'[-+]?\d+(?:\.\d+)? k?g|none',
     'count': r'\d+',
@@ -200,7 +200,7 @@ def from_node(text: str) -> str:
         return text
     if hint := _KNOWN_HINTS.find(text):
         return hint
-    for found in re.finditer('; ', text):  # A text or a hint may contain this, too.
+    for found in re.finditer('; ', text):  # A text or a hint may also contain '; '.
         if hint := _KNOWN_HINTS.find(text[found.end() :]):
             return Text('{text}; {hint}', text=from_node(text[: found.start()]), hint=hint)
     return _KNOWN_TEXTS.find(text) or text

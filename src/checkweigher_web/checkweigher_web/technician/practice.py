@@ -124,9 +124,9 @@ class PracticeView(View):
             self._show_settings(now, now.as_mapping())
 
     def _show_settings(self, now: OperationParameters, names: Collection[str]) -> None:
-        """Store the settings `now`, and show those whose names are in `names`.
+        """Store the settings `now`, and show the settings whose names are in `names`.
 
-        The other fields are not changed, because the user may have typed in them since.
+        Other fields are not changed, because the user may have typed in them in the meantime.
         """
         self._now = now
         for name, _, _, factor in _NUMBERS:
@@ -179,7 +179,7 @@ class PracticeView(View):
             outcome = Outcome(False, str(error))
         else:
             outcome = await self.look.practice.set(**new)
-        if outcome.done:  # Read `_now` again, because it may have changed meanwhile.
+        if outcome.done:  # `_now` may have changed in the meantime.
             self._show_settings(replace(self._now, **{**new, 'kill': False}), new)
         self._tell(outcome)
 

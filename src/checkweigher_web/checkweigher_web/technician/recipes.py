@@ -42,7 +42,7 @@ _TEXT = Text(
 )
 _REMOVE = Text('The recipe leaves the file. A product that is on the line stays there.')
 _IMPORT = Text('All recipes are replaced by those of the chosen file: {names}.')
-_LARGEST = 256 * 1024  # maximum number of bytes that a browser sends of a recipe file to import
+_LARGEST = 256 * 1024  # maximum number of bytes that a browser sends from a recipe file to import
 _MM, _PERCENT, _PER_MINUTE = 1000.0, 100.0, 60.0
 
 
@@ -74,9 +74,10 @@ class _Entry:
         return say.entry(round((self.factor or say.per_kg) * value, 9))
 
     def value(self, given: ui.input, say: Language) -> float | str | None:
-        """Return the value for the recipe, or None for an empty field.
+        """Return the value of the field for the recipe, or None for an empty field.
 
-        Raises `ActionRefusedError` as `number_in` does.
+        Raises `ActionRefusedError` if the text is not a number, or is ambiguous in the language of
+        the user.
         """
         text = str(given.value or '').strip()
         if text.upper() in self.words:
@@ -181,7 +182,7 @@ class RecipesDialog(Dialog):
         try:
             with opened(str(self._more.value or '{}')) as more:
                 if not isinstance(more, dict) or _OWN & more.keys():
-                    raise SettingsError('write lines "key: value", for keys without a field')
+                    raise SettingsError('write lines "key: value", only for keys without a field')
                 return keys | more
         except SettingsError as error:
             raise ActionRefusedError(Text('Further keys: {error}', error=str(error))) from None
@@ -232,7 +233,7 @@ class RecipesDialog(Dialog):
 def _inner(keys: Mapping[str, Any], key: str) -> Any:
     """Return the value of a key such as ``guard.risk``, or None if the key is missing.
 
-    If the outer value, here that of ``guard``, is not a mapping, this value is returned.
+    If the value of the outer key, here ``guard``, is not a mapping, this value is returned.
     """
     outer, _, inner = key.partition('.')
     value = keys.get(outer)
@@ -271,7 +272,7 @@ def _pairs(ranges: list[_Entry]) -> list[tuple[_Entry, _Entry]]:
 
 
 def changes(old: Keys | None, new: Keys) -> str:
-    """Return the changes of a recipe as one line for the audit log, or 'no change' without changes.
+    """Return the changes of a recipe as one line for the audit log, or 'no change'.
 
     `old` is None for a new recipe.
     """

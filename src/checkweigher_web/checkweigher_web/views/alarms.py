@@ -32,8 +32,8 @@ Picture = tuple[str, str, tuple[str, ...]]
 class AlarmsView(View):
     """Unacknowledged alarms in the order of their beginning, then acknowledged, then ended alarms.
 
-    The first alarm is often the cause of the others. Below the alarms, the view shows the signal of
-    an item with the reason of the first fault alarm.
+    The first alarm is often the cause of the other alarms. Below the alarms, the view shows the
+    signal of an item with the reason of the first fault alarm.
     """
 
     title = Text('Alarms')
@@ -88,7 +88,7 @@ def in_order(alarms: Sequence[Alarm]) -> list[Alarm]:
 
 
 def rows(alarms: Sequence[Alarm], now: int, say: Language = ENGLISH) -> list[tuple[Cell, ...]]:
-    """Return a row for each alarm at time `now` in ns. `now` is 0 if all alarms are over."""
+    """Return a row for each alarm at time `now` in ns. `now` is 0 if all have ended."""
     return [
         (
             say(_order(place, each, now)),
@@ -112,7 +112,7 @@ def _order(place: int, alarm: Alarm, now: int) -> str:
 def state_of(alarm: Alarm, now: int = 0, say: Language = ENGLISH) -> str:
     """Return a text on the duration and the acknowledgement of an alarm at time `now` in ns.
 
-    `now` is 0 if the alarm is over, which means that it is no longer in the list of the lane.
+    `now` is 0 if the alarm has ended and is therefore no longer in the list of the lane.
     """
     lasted = alarm.duration
     if alarm.active and now:

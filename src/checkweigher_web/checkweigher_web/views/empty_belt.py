@@ -18,11 +18,11 @@ from checkweigher_web.views.view import View
 
 _LEAST = 128  # minimum number of samples for a spectrum
 _PROMINENCE = 4.0  # minimum amplitude of a line, relative to the median of the bins around it
-_SURROUNDING = 10  # number of bins on each side of a line from which this median is computed
+_SURROUNDING = 10  # number of bins on each side of a line for the median of the amplitudes
 _MAX_LINES = 6
-# Largest relative differences between frequencies. Mains may cause a line whose frequency differs
-# from a mains frequency by at most `_NEAR`. The platform may cause a line whose frequency differs
-# from the natural frequency of the platform by at most `_PLATFORM`.
+# Mains may cause a line if the frequency of the line differs from a mains frequency by at most the
+# fraction `_NEAR`. The platform may cause a line if the frequency of the line differs from the
+# natural frequency of the platform by at most the fraction `_PLATFORM`.
 _NEAR, _PLATFORM = 0.02, 0.15
 _FLOOR = 12.0  # highest frequency of building vibrations in Hz
 _MAINS = (50.0, 60.0, 100.0, 120.0)  # mains frequencies and their second harmonics in Hz

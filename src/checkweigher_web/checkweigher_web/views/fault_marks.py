@@ -18,9 +18,11 @@ from checkweigher_web.lane import ShownItem
 from checkweigher_web.languages.language import ENGLISH, Language, Text
 from checkweigher_web.raw_signal import Stretch
 
+# Time between two edges of an eye below which the eye chatters, as a fraction of its longest
+# blockage.
+_FLICKER = 0.25
 _BEFORE_RISE = 0.3  # duration in s of the signal before t1 that is used to find the lag of a rise
-_GAP = 1.5  # longest time between two samples without a loss, in sample periods
-_FLICKER = 0.25  # time between edges below which an eye chatters, relative to the longest blockage
+_GAP = 1.5  # time between two samples above which samples are lost, in sample periods
 EYES = {Eye.INFEED: Text('infeed eye'), Eye.OUTFEED: Text('outfeed eye')}
 # Edges of an item by name: the eye, and whether the item blocks the eye or clears it.
 EDGES = {
@@ -143,9 +145,9 @@ Finder = Callable[[Scene], Iterable[Mark]]
 def _over(
     first: str, last: str, describe: Callable[[Scene, int, int], str], scene: Scene
 ) -> Iterator[Mark]:
-    """Mark the time from the edge `first` to the edge `last` with a text.
+    """Mark the time from the edge `first` to the edge `last` with the text from `describe`.
 
-    `describe` returns the text. There is no mark if an edge is missing or the text is empty.
+    There is no mark if an edge is missing or the text is empty.
     """
     span = scene.span(first, last)
     text = '' if span is None else describe(scene, *span)
@@ -176,7 +178,7 @@ def _missing_edges(scene: Scene) -> Iterator[Mark]:
 def _equal_edges(scene: Scene) -> Iterator[Mark]:
     """Mark each pair of successive edges of an eye between which an edge must be missing.
 
-    The eye becomes blocked at both edges of such a pair, or clear at both.
+    An edge is missing if the eye becomes blocked at both edges, or clear at both edges.
     """
     for eye in Eye:
         for one, other in pairwise(scene.edges_of(eye)):
@@ -192,8 +194,9 @@ def _equal_edges(scene: Scene) -> Iterator[Mark]:
 def _expected_times(scene: Scene) -> dict[str, int]:
     """Return the times in ns at which the edges t1, t2 and t3 of an item are expected, by name.
 
-    The usual belt speed gives t3 from t1, and t1 from t3. The time for which the item blocks an eye
-    gives t2 from t1. Edges whose time cannot be computed are left out.
+    The difference between t1 and t3 follows from the usual belt speed. The difference between t1
+    and t2 is the time for which the item blocks an eye. Edges whose time cannot be computed are
+    left out.
     """
     times, found, speed = scene.times, dict[str, int](), scene.usual_speed
     if speed > 0:

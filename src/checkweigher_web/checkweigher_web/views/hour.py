@@ -25,8 +25,7 @@ from checkweigher_web.views.view import SLOW, View
 _INTERVALS = 60
 # Shortest interval in ns.
 _SHORTEST = 10 * NANOSECONDS
-# `_RARELY` is the time in s after which the figure of a running lane with `MAX_ITEMS` items is
-# drawn again.
+# Period in s after which the figure of a running lane with `MAX_ITEMS` items is drawn again.
 _RARELY = 10
 # Width in ns of a bin. The accepted items in a bin share one tick.
 _TICK = NANOSECONDS // 2
@@ -34,8 +33,8 @@ _TICK = NANOSECONDS // 2
 _HEIGHTS = 34, 62, 84, 62, 50, 34
 
 
-# Messages if there is no item to move to, by whether it must be a fault and whether it must be
-# later than the present item.
+# Messages if there is no further item in one direction. Each key contains whether only faults are
+# wanted, and whether the direction is towards later items.
 _NO_MORE = {
     (False, True): Text('no item after it'),
     (False, False): Text('no item before it'),
@@ -156,8 +155,8 @@ def hour_figure(
 ) -> Options:
     """Return the figure of a history from `begin` to `end` in ns.
 
-    `readings` maps t1 in ns of each item with the reason ZERO_OUT_OF_RANGE to the reading of the
-    empty belt before the item, in g, or to NaN if the reading is not known.
+    `readings` contains the reading of the empty belt in g before each item with the reason
+    ZERO_OUT_OF_RANGE, by t1 of the item in ns. An unknown reading is NaN.
     """
     count = min(_INTERVALS, max(2, (end - begin) // _SHORTEST))
     means = intervals(history, begin, end, count)

@@ -64,7 +64,7 @@ class ItemView(View):
     def _show(self) -> None:
         still, stop = standstill(self.look.nodes()), self.lane.stop
         live = self.look.board is not None
-        # A running lane shows the latest item, and a recorded shift shows the chosen one.
+        # A running lane shows the latest item, and a recorded shift shows the chosen item.
         item = self.drawing.latest() if live else self.look.item()
         self._stop.set_visibility(stop is not None)
         self._request.set_text(
@@ -97,8 +97,8 @@ def reading(
 ) -> dict[str, object]:
     """Return the content of a `Reading` for an item, by the keys that reading.js uses.
 
-    `items` contains the item and those before it, the latest first. Of the first `_DOTS` of these,
-    the scale shows the items that have a mass and are of the same product and batch as `item`.
+    `items` contains `item` and the items before it, the latest item first. Of the first
+    `_DOTS` items, the scale shows the items with a mass that have the product and batch of `item`.
     """
     verdict = item.verdict
     return {
@@ -114,7 +114,7 @@ def reading(
 def _scale(
     verdict: Verdict, latest: Sequence[Verdict], statistics: Statistics | None, say: Language
 ) -> dict[str, object] | None:
-    """Return a scale of limits and masses as positions from 0 to 1, or None if there are none."""
+    """Return a scale of limits and masses as positions from 0 to 1, or None if both are missing."""
     of = verdict.product, verdict.batch
     limits = limits_of(*of, verdict, statistics)
     weighed = [each for each in latest if math.isfinite(each.mass)]

@@ -72,7 +72,7 @@ def _bounds(masses: NDArray[np.float64], latest: Verdict | None) -> NDArray[np.f
     """Return the bounds of the bins in g.
 
     Each finite limit of the `latest` verdict is a bound or lies outside all bins, so that no bin
-    lies across it.
+    contains masses on both sides of a limit.
     """
     count = min(_BINS, max(5, len(masses) // 4))
     width = max(float(np.ptp(masses)), _NARROWEST) / count

@@ -58,18 +58,19 @@ class ProductionView(View):
 def figures(
     history: History, known: Statistics | None, now: int, say: Language = ENGLISH
 ) -> list[tuple[str, str, str]]:
-    """Return the main figures, each with its name, its value as text, and points of its course.
+    """Return the main figures, each with its name, its value as text, and the points of a chart.
 
-    The course covers the last hour before `now` in ns, or the time since the first item if that is
-    less than an hour, but at least 1 min. This time is divided into intervals, and each interval
-    that has a value is a point. The points are in SVG format, in a frame of 100 by 30.
+    The chart covers the last hour before `now` in ns, or the time since the first item if that is
+    less than an hour, but at least 1 min. The time axis is divided into intervals, and the chart
+    has a point for each interval with a value. The points are in SVG format, in a frame of 100 by
+    30.
     """
     since = int(history.stamps[0]) if len(history.stamps) else now
     length = min(max(now - since, _MINUTE), HOUR)
     course = intervals(history, now - length, now, min(_INTERVALS, 6 * length // _MINUTE))
     passed = np.count_nonzero((now - _MINUTE < history.stamps) & (history.stamps <= now))
     target = math.nan if known is None else GRAMS * (known.nominal + known.tare)
-    # Duration of the count `passed` in min, which is below 1 in the first minute.
+    # Time in min over which `passed` is counted, which is below 1 in the first minute.
     share = max(min((now - since) / _MINUTE, 1.0), 1 / 60)
     giveaway, mean = course.means - target, course.means - (known.tare * GRAMS if known else 0)
     rejects = 1.0 - known.accepted / known.items if known and known.items else math.nan

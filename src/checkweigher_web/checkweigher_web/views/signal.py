@@ -30,13 +30,13 @@ _LEAD = 0.5  # longest time before t1 that is shown, as a fraction of t3 - t1.
 
 # Time in ms of an edge, whether the eye becomes blocked, and whether the edge was detected.
 Edge = tuple[float, bool, bool]
-Signal = tuple[ShownItem, list[WeighWindow]]  # item with its signals, and windows before it.
+Signal = tuple[ShownItem, list[WeighWindow]]  # item with its signals, and windows of earlier items.
 # Points of the bars as data of ECharts lines, by whether both ends of a bar were detected.
 Bars = dict[bool, list[list[float | None]]]
 
 
 class SignalView(View):
-    """Signal of the chosen or latest item, drawn over the signals of the items before it."""
+    """Signal of the chosen or latest item, drawn over the signals of earlier items."""
 
     title = Text('Signal')
     columns = 1, 7
@@ -95,7 +95,7 @@ def drawn(
 
 
 def signal_of(drawing: Drawing, item: ShownItem) -> Signal:
-    """Return an item with its signals, and the windows of the items before it."""
+    """Return an item with its signals, and the windows of earlier items."""
     lane = drawing.lane
     return lane.with_signals(item), lane.windows_before(item, _BEFORE)
 
@@ -233,8 +233,8 @@ def _scene_chart(scene: Scene, marks: Sequence[Mark]) -> Options:
         seen = [((e.stamp - origin) / 1e6, e.blocked, True) for e in scene.edges_of(eye)]
         lost = {name: at for name, at in missing.items() if EDGES[name][0] == eye}
         edges = seen + [(at, EDGES[name][1], False) for name, at in lost.items()]
-        # A bar at the left end may be that of this item if the time at which the item blocks the
-        # eye is neither known nor computed. The bar is then dashed, because its start is unknown.
+        # A bar at the left end may belong to this item if the time at which the item blocks the eye
+        # is neither known nor computed. The start of such a bar is unknown, so the bar is dashed.
         was_seen = ('t1' if eye == Eye.INFEED else 't3') in {*scene.times, *missing}
         bars = _bars(sorted(edges), _ROWS[eye][1], shown, was_seen=was_seen)
         figure['series'] += _row_of_eye(eye, bars, list(lost.values()), say)
@@ -275,7 +275,7 @@ def _add_rows_of_eyes(
 
 
 def _bars(edges: Sequence[Edge], row: float, shown: tuple[float, float], *, was_seen: bool) -> Bars:
-    """Return a bar for each time in which an eye was blocked.
+    """Return a bar for each period in which an eye was blocked.
 
     The `edges` are in order of time and include missing edges. The position of the bars on the y
     axis is `row`. The time axis covers the range `shown` in ms. `was_seen` is false if a bar that

@@ -152,15 +152,15 @@ def _in_use(services: LaneServices) -> ProductOnLine:
 async def set_limits(services: LaneServices, wanted: MassLimits) -> str:
     """Set both limits of the node `reject`, and return a text for the user.
 
-    Raises `ActionRefusedError` if the node refuses the limits, or if the line has recipes but no
-    product is selected, because the limits of the product would replace these. Neither limit is
-    then changed.
+    Raises `ActionRefusedError`, and changes neither limit, if the node refuses the limits, or if
+    the line has recipes but no product is selected. A product that is selected later would replace
+    the new limits by its own limits.
     """
     now = services.product
     if now is not None and now.lacks_product:
         text = Text('no limits are set, because nothing is accepted: select a product first')
         raise ActionRefusedError(text)
-    # The node would also refuse this, but its message would contain the masses in kg.
+    # The node would also refuse these limits, but the message of the node has masses in kg.
     if wanted.lower > wanted.upper:
         text = Text(
             'the lower limit, {lower}, is above the upper one, {upper}',

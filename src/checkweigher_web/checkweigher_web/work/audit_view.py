@@ -33,9 +33,9 @@ class AuditView:
     """Texts that the page shows about an audit log."""
 
     whole: bool
-    conclusion: str  # conclusion as the command `audit` prints it, or why the log cannot be read.
-    # Whether the seals are valid. False if there is a key but no file of seals, and None if the
-    # seals were not verified.
+    conclusion: str  # conclusion that the command `audit` prints, or the reason for an error.
+    # Whether the seals are valid, or None if they were not verified. The value is False if there is
+    # a key but no file of seals.
     seals_hold: bool | None = None
     seals: str = ''  # state of the seals, or '' if the conclusion contains it
     count: str = ''  # text with the number of entries, or '' if the log cannot be read.
@@ -54,7 +54,7 @@ class Auditor:
         self._turn = asyncio.Lock()
 
     async def read(self, log: Path, wanted: str) -> AuditView:
-        """Return the texts about a log as `view_of` does, or the reason why it cannot be read."""
+        """Return the texts of `view_of` about a log, or the reason why the log cannot be read."""
         async with self._turn:
             try:
                 return await asyncio.to_thread(view_of, log, self._trust, wanted)
@@ -95,11 +95,10 @@ def view_of(log: Path, key: Ed25519PublicKey | None, wanted: str = '') -> AuditV
 def _sealed(
     log: Path, found: Verification, key: Ed25519PublicKey | None
 ) -> tuple[Verification, bool | None, str]:
-    """Check the seals of a log, and return the log, whether they are valid, and a text on them.
+    """Check the seals of a log, and return the log, the validity of the seals, and a text on them.
 
-    The second value is None if the log is not whole, or if `key` is None. The second value is False
-    if there is a key, but no file of seals. The returned log is not whole if its seals are not
-    valid.
+    The validity is None if the log is not whole, or if `key` is None. The validity is False if
+    there is a key but no file of seals. The returned log is not whole if its seals are not valid.
     """
     path, command = seals_path(log), f'./checkweigher audit {quote(str(log))} --trust PUBLIC'
     if not found.whole:  # Seals can be verified only for an unbroken chain.
@@ -148,7 +147,7 @@ def _row(entry: Entry) -> tuple[str, ...]:
         what.append(f'and {len(changed) - _MOST} more')
     return (
         str(entry.sequence),
-        shortened(entry.time)[:19].replace('T', ' '),  # without fractions of a second
+        shortened(entry.time)[:19].replace('T', ' '),  # date and time without fractions of a second
         shortened(entry.who),
         shortened(entry.kind),
         '\n'.join(what),

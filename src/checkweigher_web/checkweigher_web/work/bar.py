@@ -42,7 +42,7 @@ _Begin = Callable[[Desk, LaneServices], Awaitable[None]]
 
 
 def work_of(desk: Desk) -> dict[str, Callable[[], Awaitable[None]]]:
-    """Return the functions that open the dialogs which the user may open, by English label."""
+    """Return a function for each dialog that the user may open, by its English label."""
     return {
         label: partial(_open, desk, label, role, begin)
         for label, role, begin in _ACTIONS
@@ -53,8 +53,8 @@ def work_of(desk: Desk) -> dict[str, Callable[[], Awaitable[None]]]:
 def work_bar(look: Look) -> None:
     """Show a button for each main action.
 
-    Start is hidden while the lane weighs or the state of its driver is not known. Stop is hidden
-    while weighing is stopped or has ended.
+    The button Start is hidden while the lane weighs or the state of its driver is not known. The
+    button Stop is hidden while weighing is stopped or has ended.
     """
     with named(ui.element('nav').classes('work'), look.say('Work on the machine')):
         buttons = {each: ui.button(look.say(each), on_click=look.work[each]) for each in _MAIN}
@@ -63,7 +63,7 @@ def work_bar(look: Look) -> None:
 
     def update() -> None:
         # Show both buttons if nodes of the lane are silent or the driver reports an unknown state,
-        # because the user may then need either of them.
+        # because the user may then need either button.
         stands = standstill(look.nodes())
         buttons['Start'].set_visibility(bool(stands))
         buttons['Stop'].set_visibility(stands not in ENDED.values())
@@ -207,7 +207,7 @@ async def _show_practice(desk: Desk, services: LaneServices) -> None:
 
 
 _KEEP, _NEW_BATCH, _PRACTICE = Text('Keep item'), Text('New batch'), Text('Practice')
-# Actions with a button. The others are in the menu.
+# Labels of the actions with a button. All other actions are in the menu.
 _MAIN = 'Start', 'Stop', 'Product', 'New batch', 'Zero'
 # Label, lowest role and function of each dialog. To add a dialog, add a function and a row here.
 _ACTIONS: tuple[tuple[Text, Role, _Begin], ...] = (

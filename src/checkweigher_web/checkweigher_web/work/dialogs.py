@@ -25,8 +25,8 @@ from checkweigher_web.work.audit_view import Auditor
 from checkweigher_web.work.services import ActionRefusedError, LaneServices, Outcome, Person
 
 _NUMBER = re.compile(r'[-+]?([0-9]+([.,][0-9]*)?|[.,][0-9]+)(e[-+]?[0-9]+)?', re.IGNORECASE)
-# Numbers in which the comma or point may be a thousands separator or a decimal mark. Such a number
-# is accepted only if this character is the decimal mark of the user's language.
+# Numbers in which the comma or point may be a thousands separator or a decimal mark, such as 1,250.
+# A number of this form is accepted only if its comma or point is the decimal mark of the language.
 _THOUSANDS = re.compile(r'[-+]?[1-9][0-9]{0,2}([.,])[0-9]{3}')
 Action = Callable[[], Awaitable[str]]
 
@@ -233,7 +233,8 @@ def number_in(given: ui.input, say: Language, *, empty: float | None = None) -> 
 def mass_in(given: ui.input, say: Language, *, empty: float | None = None) -> float:
     """Return the mass in kg from a field in the unit of the user.
 
-    `empty` is in the unit of the user, too. Raises `ActionRefusedError` as `number_in` does.
+    `empty` is in the unit of the user, too. Raises `ActionRefusedError` if the text is missing, not
+    a number, or ambiguous in the language of the user.
     """
     return round(number_in(given, say, empty=empty) / say.per_kg, 9)
 
@@ -250,7 +251,7 @@ def ask(
     """Open a dialog that asks for confirmation of an action, and return the body of the dialog.
 
     `title`, `text`, and the label `verb` of the button are English texts. Each function in `fields`
-    adds a field and returns its element. `plan` is called with these elements when the user
+    adds a field and returns its element. `plan` is called with the elements when the user
     confirms. `plan` returns the name of the action in the audit log and the action, or raises
     `ActionRefusedError` if a field is not valid. `role` is the lowest role that may confirm.
     """

@@ -22,7 +22,7 @@ _ELSE = Text('record the line, and cut the item out with checkweigher keep')
 
 
 class Keeper:
-    """Writer of bags with one item each to `folder`.
+    """Writer of bags to `folder`, each of which contains one item.
 
     The writer weighs an item again before it writes the bag of the item. Only one item is processed
     at a time.
@@ -39,8 +39,9 @@ class Keeper:
 
         `recording` contains the samples and edges that the page holds, or is None if the page holds
         no samples. `parameters` are the present parameters of the lane. Raises `ActionRefusedError`
-        if the item has no estimate or no times, if the page does not hold its samples, if the item
-        has another result when it is weighed from the recording, or if the bag cannot be written.
+        if the item has no estimate or no times, if the page does not hold the samples of the item,
+        or if the bag cannot be written. `ActionRefusedError` is also raised if weighing the
+        recording gives another result for the item.
         """
         async with self._turn:
             return await asyncio.to_thread(self._keep, lane, recording, parameters, item)

@@ -26,8 +26,9 @@ _KINDS = {'html': 'text/html; charset=utf-8', 'json': 'application/json'}
 def add_reports(app: FastAPI, workshop: Workshop, policy: str) -> None:
     """Serve the reports of the lanes in `workshop` with the content security policy `policy`.
 
-    A request is answered with the status 404 if the report does not exist, if its lane is not in
-    `workshop`, or if it is a batch report and no user has opened the list of the batch reports yet.
+    A request is answered with the status 404 if the report does not exist, or if its lane is not in
+    `workshop`. Batch reports of a lane are served only after a user has opened the list of the
+    batch reports.
     """
 
     @app.get('/reports/{kind}/{name}.{ending}')
@@ -57,10 +58,10 @@ def _file(services: LaneServices, kind: str, name: str, ending: str) -> Path | N
 
 
 def list_reports(lane: str, kind: str, reports: Iterable[tuple[str, str]]) -> None:
-    """Show links to reports of a lane, to each as HTML and as JSON.
+    """Show links to the HTML version and the JSON version of reports of a lane.
 
     `kind` is `BATCH` or `VERIFICATION`. `reports` contains the name of each report, which is a part
-    of its address, and the text before its links.
+    of the address of the report, and the text before its links.
     """
     for name, text in reports:
         with ui.element('li'):

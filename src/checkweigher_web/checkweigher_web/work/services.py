@@ -79,11 +79,11 @@ _FOLLOWED = {
 
 
 class ActionRefusedError(Exception):
-    """Raised if an action is refused. The message is the reason."""
+    """Raised if an action is refused, with the reason as the message."""
 
     @property
     def text(self) -> str:
-        """Reason, which is a `Text` if the page itself refuses the action."""
+        """Reason for the refusal, which is a `Text` if the page itself refuses the action."""
         return self.args[0] if isinstance(self.args[0], Text) else one_line(self.args[0])
 
 
@@ -91,8 +91,8 @@ class ActionRefusedError(Exception):
 class Person:
     """Name of a user, and the address from which the user acts, for the audit log.
 
-    The address is that of the user's browser or of the MQTT broker, or 'OPC UA' for a user of the
-    OPC UA gateway.
+    `address` is the network address of the user's browser or of the MQTT broker, or 'OPC UA' for a
+    user of the OPC UA gateway.
     """
 
     name: str
@@ -108,7 +108,7 @@ class Outcome:
 
 
 class LoadRead(NamedTuple):
-    """Reading of a load by the calibration in use, and its standard error, both in kg."""
+    """Mass of a load by the calibration in use, and its standard error, both in kg."""
 
     load: Text  # name of the load for the user: its known mass, or 'empty belt'
     mass: float
@@ -123,7 +123,7 @@ ACTING: ContextVar[tuple[Person, str] | None] = ContextVar('acting', default=Non
 class LaneServices(PortNode):
     """Clients of the services and actions of a lane.
 
-    Only one thread may use them: the thread of the page, or that of a gateway.
+    The clients may be used by only one thread: the thread of the page, or the thread of a gateway.
 
     Attributes
     ----------
@@ -172,8 +172,9 @@ class LaneServices(PortNode):
         """Call a service, and return its answer.
 
         `values` are the fields of the request. A call that changes the line is first announced to
-        the node that writes the audit log, so that its entry names the user in `ACTING`. Raises
-        `ActionRefusedError` if the service refuses, or if its node does not run or answer.
+        the node that writes the audit log, so that the entry on the change names the user in
+        `ACTING`. Raises `ActionRefusedError` if the service refuses, or if its node does not run or
+        does not answer.
         """
         client, (kind, node) = await self.found(name), _SERVICES[name]
         acting = ACTING.get()
@@ -200,7 +201,7 @@ class LaneServices(PortNode):
         client, (kind, node) = self._action_clients[name], _ACTIONS[name]
         await _ready(client.server_is_ready, node)
         assert self.executor is not None
-        # The executor sends the goal, so that rclpy registers it before an answer can arrive.
+        # The executor sends the goal, so that rclpy registers the goal before an answer can arrive.
         goal = self.executor.create_task(self._follow, client, name, kind, values)
         try:
             answer = await self._awaited(goal, client.server_is_ready, node, math.inf)
@@ -328,8 +329,8 @@ class LaneServices(PortNode):
     ) -> None:
         """Write an entry on a user to the audit log, or announce service calls if `text` is None.
 
-        Does nothing if the lane has no audit log. The node that writes the audit log names this
-        user in the entries on the changes that the announced services make. An announcement without
+        Does nothing if the lane has no audit log. The node that writes the audit log names the user
+        in the entries on the changes that the announced services make. An announcement without
         services ends the earlier announcements.
         """
         self._has_log = self._has_log or self._by_name[ports.RECORD_CHANGE].service_is_ready()

@@ -88,12 +88,12 @@ async def _sign(desk: Desk, services: LaneServices, find: Find, meaning: str, pa
 
 
 def _choices(log: Path, folder: Path) -> dict[str, tuple[str, Find]]:
-    """Return a dict with the label of each record that a user may choose to sign.
+    """Return the records that a user may choose to sign, by label.
 
-    The value of a label is the title of the record, and a function that reads the record. The label
+    Each value contains the title of the record and a function that reads the record. The label
     names the previous signers. The latest `_MANY` batches are first, followed by the latest `_MANY`
-    entries of the audit log, each in order from the latest. Whether a batch has ended is checked
-    only when it is signed.
+    entries of the audit log. In each of the two groups, the latest record is first. Whether a batch
+    has ended is checked only when the batch is signed.
     """
     entries = read_chain(log).entries
     found: dict[str, tuple[str, Find]] = {}

@@ -81,7 +81,7 @@ def test_a_file_of_lines_is_read_and_written_as_a_table(tmp_path: Path):
 
 
 TABLE = '{"format": 2, "users": {"anna": {"role": "ROLE", "hash": "HASH"}}}'
-BOSS, PLAIN = "'boss' is not one of viewer, operator", 'is no argon2 hash; run: checkweigher user'
+BOSS, PLAIN = "'boss' is not one of viewer, operator", 'is not an argon2 hash; run: checkweigher'
 
 
 @pytest.mark.parametrize(
