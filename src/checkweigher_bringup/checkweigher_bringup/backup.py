@@ -78,8 +78,8 @@ def write_backup(folder: Path, archive: Path) -> int:
 def _add(tar: tarfile.TarFile, folder: Path) -> Iterator[tuple[str, str]]:
     """Add a folder to an archive, and yield the name and the SHA-256 of each file.
 
-    A file that was removed after this function has listed the files is left out. The function
-    raises the exceptions of `write_backup`.
+    An ordinary file that is removed after the files were listed is left out. Raises the exceptions
+    of `write_backup`, also if an audit log is removed.
     """
     tar.add(folder, _FOLDER, recursive=False)
     paths = sorted(folder.rglob('*'))

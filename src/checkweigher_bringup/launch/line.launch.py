@@ -149,7 +149,9 @@ def remap_arguments(context):
 def make_host(context, lanes, host):
     """Return the actions that start the nodes of one host, with one process for each lane."""
     if not (lanes and host):
-        raise RuntimeError('lanes and host must be given together: a file, and a host in the file')
+        raise RuntimeError(
+            f'lanes:={lanes} host:={host}: give both: a file of hosts, and the name of a host in it'
+        )
     for name in (each for each in ARGUMENTS if each not in WITH_LANES):
         default = normalize_to_list_of_substitutions(DEFAULTS.get(name, ''))
         if LaunchConfiguration(name).perform(context) != perform_substitutions(context, default):

@@ -219,7 +219,8 @@ class AuditTrail:
     def verdict(self, verdict: Verdict) -> None:
         """Write an entry if the fault ZeroOutOfRange begins or ends with a verdict."""
         out = Reason.ZERO_OUT_OF_RANGE in verdict.reasons
-        # Only a verdict without reasons shows that the zero is within its range again.
+        # A verdict with other reasons does not end the fault, because an item may get them before
+        # its zero is checked.
         if out != self._zero_out_of_range and (out or not verdict.reasons):
             self._zero_out_of_range = out
             self.saw(ZERO, Reason.ZERO_OUT_OF_RANGE.value, not out, out)

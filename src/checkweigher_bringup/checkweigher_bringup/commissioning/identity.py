@@ -79,8 +79,8 @@ class Identity:
 def _changes(before: NodeValues, after: NodeValues) -> Iterator[str]:
     """Yield a sentence for each parameter that changed during the steps.
 
-    Parameters that operate a simulated machine are left out, because putting a load on the belt is
-    a part of a step, and not a change of the machine.
+    The parameters that operate a simulated machine are left out. A user sets them during a step,
+    for example to put a load on the belt, so they are no change of the machine.
 
     A node that reported its parameters only before or only after the steps gives one sentence.
     """

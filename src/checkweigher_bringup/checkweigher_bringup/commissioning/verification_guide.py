@@ -69,7 +69,7 @@ def procedure_on_line(
 
     The parameters of the line are read before the first step and after the last step. If the
     operator cancels the procedure, the bag contains the steps so far. Raises `UserError` if the
-    line does not run before the first step, and `OutputError` if the bag cannot be written.
+    line is not running, or does not answer, and `OutputError` if the bag cannot be written.
     """
     node = VerificationNode()
     spinner.add(node)
@@ -88,8 +88,8 @@ def procedure_on_line(
             node.tell(VerificationStep(node.latest, '', StepState.IDENTITY, text=what))
             with suppress(BrokenOffError):
                 _Guide(node, plan, cell, operator, check_bag).run()
-            # If a line that is about to end does not answer, the report states that the changes are
-            # unknown.
+            # A line that is shutting down may not answer. The report then states that the
+            # parameters were not read again.
             with suppress(UserError, InvalidHandle):
                 if spinner.alive:
                     what = identity.at_end(_parameters(node, _LAST_PATIENCE))

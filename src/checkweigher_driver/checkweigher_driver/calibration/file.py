@@ -6,7 +6,6 @@ The older versions of a calibration file are kept in its folder.
 """
 
 from collections.abc import Sequence
-from contextlib import suppress
 from datetime import UTC, datetime
 import os
 from pathlib import Path
@@ -125,15 +124,15 @@ def write_version(
     driver.setdefault(source, {}).update(
         counts_per_kg=calibration.counts_per_kg, zero_counts=calibration.zero_counts
     )
-    version = max([old or 0, *_kept_versions(path)]) + 1
+    if old is not None:
+        _keep(path, old)
+    version = max([0, *_kept_versions(path)]) + 1
     lines = [
         f'{_FIRST_LINE}{version}; use it as --params, or as params_file of a launch.',
         f'# {datetime.now(UTC).isoformat(timespec="seconds")}',
         *(f'# {line}' for line in calibration_table(calibration, points)),
         yaml.safe_dump(sections, sort_keys=False, width=100),
     ]
-    if old is not None:
-        _keep(path, old)
     write_whole(path, '\n'.join(lines))
     return version
 
@@ -145,21 +144,25 @@ def replace_version(path: Path, new: Path) -> int:
     Raises OutputError, and replaces nothing, if the old file cannot be kept. Raises OSError if
     `new` cannot be moved to `path`.
     """
-    version = max([0, *_kept_versions(path)]) + 1
     if path.exists():
-        _keep(path, version)
-        version += 1
+        _keep(path, max([0, *_kept_versions(path)]) + 1)
+    version = max([0, *_kept_versions(path)]) + 1
     os.replace(new, path)
     sync_folder(path.parent)
     return version
 
 
 def _keep(path: Path, version: int) -> None:
+    """Keep a file as a version, or as the next one if another file is kept as this version.
+
+    An earlier attempt that was interrupted may have kept the same file already.
+    """
     kept = path.with_name(f'{path.stem}.v{version}{path.suffix}')
     try:
-        # The file `kept` exists already if an earlier attempt was interrupted after `os.link`.
-        with suppress(FileExistsError):
+        if not kept.exists():
             os.link(path, kept)
+        elif not kept.samefile(path):
+            _keep(path, version + 1)
     except OSError as error:
         raise output_error(kept, error) from None
 

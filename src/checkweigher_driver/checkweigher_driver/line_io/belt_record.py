@@ -99,7 +99,7 @@ class BeltRecord:
             raise ParameterError(
                 f'{_NAME}: {str(path)!r}: {why}; must be a file that is kept over a restart'
             ) from None
-        # State of the last write, or None after a failed write whose error has been raised.
+        # State of the last write, or None if the state on the disk is unknown.
         self._kept: OnBelt | None = OnBelt()
         self._writer = ThreadPoolExecutor(1, 'belt record')
         self._writing = self._writer.submit(lambda: None)  # future of the last write
@@ -152,11 +152,12 @@ class BeltRecord:
         if belt == self._kept:
             return
         starts = belt.released and (self._kept is None or not self._kept.released)
-        self._kept = belt
+        self._kept = None
         self._writing = self._writer.submit(self._write, belt)
         if starts:
             self._writing.result()
             os.fsync(self._file)
+        self._kept = belt
 
     def _write(self, belt: OnBelt) -> None:
         try:

@@ -69,6 +69,16 @@ def test_a_full_disk_leaves_the_calibration_as_it_was(tmp_path: Path):
     assert sorted(os.listdir(tmp_path)) == ['cell.v3.yaml', 'cell.yaml']
 
 
+def test_an_earlier_version_that_was_edited_is_kept_beside_the_unedited_one(tmp_path: Path):
+    path = cell_of(tmp_path)
+    assert write_version(path, 'aed', calibrate(POINTS), POINTS) == 4
+    edited = CELL + '# edited\n'
+    path.write_text(edited)
+    assert write_version(path, 'aed', calibrate(POINTS), POINTS) == 5
+    assert (tmp_path / 'cell.v3.yaml').read_text() == CELL
+    assert (tmp_path / 'cell.v4.yaml').read_text() == edited
+
+
 def test_each_version_and_its_name_are_on_the_disk(tmp_path: Path, on_disk: list[Path]):
     path = cell_of(tmp_path)
     write_version(path, 'aed', calibrate(POINTS), POINTS)

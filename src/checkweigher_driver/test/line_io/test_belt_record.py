@@ -122,10 +122,22 @@ def test_a_record_is_written_again_after_the_disk_was_full(tmp_path, monkeypatch
         for _ in range(3):
             with pytest.raises(OSError, match='No space left'):
                 record.keep(RUNNING)
-    with pytest.raises(OSError, match='No space left'):
-        record.keep(RUNNING)  # tells of the failed write
     record.keep(RUNNING)
     assert OnBelt.of_line((tmp_path / 'belt').read_bytes()) == RUNNING
+    record.close(OnBelt())
+
+
+def test_the_belt_may_not_run_before_its_start_is_on_the_disk(tmp_path, monkeypatch):
+    def broken(*_):
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    record = BeltRecord(tmp_path / 'belt')
+    with monkeypatch.context() as context:
+        context.setattr(os, 'fsync', broken)
+        for _ in range(3):
+            with pytest.raises(OSError, match='Input/output error'):
+                record.keep(RUNNING)
+    record.keep(RUNNING)
     record.close(OnBelt())
 
 

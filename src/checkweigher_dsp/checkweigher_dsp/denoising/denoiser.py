@@ -199,8 +199,8 @@ class Denoiser:
     linear prediction, the load is added as a constant, and the result is denoised. A wrong load
     would leave a step in the disturbance, so the load is estimated again from the denoised signal.
     If ``edge_uncertainty`` is above 0, t1 and t2 are corrected by a fit to the signal before the
-    response is subtracted. Finally, the linear rise of the load between t1 and t2, as measured by
-    the photo-eyes, is restored.
+    response is subtracted. Finally, the constant load before t2 is replaced by a load that rises
+    linearly from 0 at t1. This rise has t1 and t2 as measured by the photo-eyes.
 
     If a window causes an exception, `failures` reports it, and the window gets the reason
     StageFailed.

@@ -28,8 +28,8 @@ from checkweigher_dsp.signal import Array
 
 # Minimum number of filtered samples for the fit of the unknowns m, delta_1 and delta_2.
 _LEAST_SAMPLES = 8
-# Number of rounds of the fit. The variance of the disturbance n is estimated from the whole signal
-# y - M r in the first round, and from the residual of the fit in the second round.
+# Number of rounds of the fit. The variance of the disturbance n is estimated in the first round
+# from the component of y - M r that is orthogonal to r, and in the second round from the residual.
 _ROUNDS = 2
 _FURTHEST = 2.0  # largest shift of an edge as a multiple of its uncertainty
 

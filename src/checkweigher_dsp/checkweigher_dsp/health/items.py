@@ -47,8 +47,8 @@ def failures(items: RecentItems, what: str) -> list[Concern | None]:
     """Return an error if the last five items failed, and a warning if many recent items failed.
 
     The warning requires at least two failed items and at least 5 % of the recent items. In the
-    result, an error or a warning that does not apply is None. `what` says what happened to the
-    items, such as 'were faults'.
+    result, an error or a warning that does not apply is None. `what` is the predicate
+    of the messages, such as 'were faults'.
     """
     in_a_row, failed = items.failed_in_a_row, items.failed
     reason = items.main_reason(in_a_row if in_a_row >= _ALL_FAIL else len(items))

@@ -151,7 +151,9 @@ def _unfinished(path: Path, parts: Sequence[Path]) -> UnfinishedBag:
             'damage by "checkweigher recover"'
         )
     if not bag.message_count:
-        raise BagError(f'{path}: the recording broke off before any message was written')
+        raise BagError(
+            f'{path}: contains no readable message; the recording broke off, or has just begun'
+        )
     return bag
 
 

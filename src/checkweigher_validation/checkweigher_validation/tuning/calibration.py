@@ -122,18 +122,19 @@ def held_out_errors(
 def uncertainty(errors: NDArray[np.float64], masses: NDArray[np.float64]) -> Uncertainty:
     """Estimate the uncertainty of a mass from the errors of held-out passes, (n,) in kg.
 
-    A share of the variance is proportional to mass**2. The share is estimated by its posterior
-    mean, with an exponential prior whose mean is 0.4. The variance is then the maximum-likelihood
-    estimate for this share. If all passes have one mass, the share is the prior mean, because
-    nothing can be learned about other masses. Beyond the masses of the passes, the identifier adds
-    a variance (`EstimatorParameters.extrapolation_std_dev`). The uncertainty is multiplied by the
-    ratio of the 97.5 % quantiles of Student's t and the normal distribution, because the standard
-    deviation of few errors is itself uncertain. [own derivation]
+    A part of the variance is proportional to mass**2. The share of this part in the variance at the
+    mean mass is estimated by its posterior mean, with an exponential prior whose mean is 0.4. The
+    variance is then the maximum-likelihood estimate for this share. If all passes have one mass,
+    the share is the prior mean, because nothing can be learned about other masses. Beyond the
+    masses of the passes, the identifier adds a variance
+    (`EstimatorParameters.extrapolation_std_dev`). The uncertainty is multiplied by the ratio of the
+    97.5 % quantiles of Student's t and the normal distribution, because the standard deviation of
+    few errors is itself uncertain. [own derivation]
     """
     from scipy.stats import norm, t  # imported late, because the import is slow
 
     mean = float(np.mean(masses))
-    shares = np.linspace(0.0, 1.0, 101)  # fraction of the variance that is proportional to mass**2
+    shares = np.linspace(0.0, 1.0, 101)  # candidates for the share
     badness = np.array([_badness(share, errors, masses / mean) for share in shares])
     probabilities = np.exp(-len(errors) / 2 * (badness - badness.min()) - _PRIOR * shares)
     share = float(shares @ probabilities / probabilities.sum())

@@ -184,7 +184,7 @@ def _fault_between(item: ItemPass, attempts: Sequence[Attempt]) -> Values:
 def _in_grams(record: object, *names: str) -> Values:
     """Return the fields `names` of a record in g, as a dict.
 
-    A key is the name of a field with the suffix ``_g``. The fields of the record are in kg. A value
+    Each key is the name of a field followed by ``_g``. The fields of the record are in kg. A value
     that is not finite becomes None.
     """
     return {f'{name}_g': _grams(getattr(record, name)) for name in names}

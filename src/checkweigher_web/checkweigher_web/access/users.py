@@ -135,12 +135,12 @@ def default_users() -> Path:
 
 
 def account_name(given: str) -> str:
-    """Return the user name from a login form in Unicode form NFC, cut to 64 characters."""
+    """Return a typed user name, normalized to Unicode NFC and cut to 64 characters."""
     return unicodedata.normalize('NFC', given)[:64]
 
 
 def check_name(name: str) -> str:
-    """Return the name of a user in Unicode form NFC. Raises `UsersError` for an invalid name."""
+    """Return a user name, normalized to Unicode NFC. Raises `UsersError` for an invalid name."""
     name = unicodedata.normalize('NFC', name)
     if not re.fullmatch(r'[\w@-][\w.@-]{0,63}', name):
         rule = 'a name has up to 64 letters, digits, "_", "-", "@" and "." (not as the first)'

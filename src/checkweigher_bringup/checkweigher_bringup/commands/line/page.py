@@ -71,7 +71,7 @@ def _serve_bag(given: argparse.Namespace, site: 'Site', lane: str | None) -> int
 
     if given.report is not None and not given.report.is_file():
         raise UserError(
-            f'--report {given.report}: there is no such file; evaluate --html writes it'
+            f'--report {given.report}: there is no such file; write it by evaluate --html'
         )
     parameters = line_parameters(given.params, given.estimator, lane)
     recording = read_with_warning(given.bag, lane)

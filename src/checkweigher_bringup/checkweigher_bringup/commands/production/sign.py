@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Sign a batch, a verification or a change of limits, as a review, an approval or a release.
+"""Sign a batch, a verification, or a change of limits or of a recipe.
 
 Examples
 --------
@@ -26,7 +26,7 @@ OPTIONS = (
         Path,
         'record of a batch that has ended, folder of a verification, or audit log with --entry',
     ),
-    ('--entry N', int, 'number of the audit log entry to sign, which must be a change of limits'),
+    ('--entry N', int, 'number of the audit log entry to sign: a change of limits or of a recipe'),
     ('--meaning', ('review', 'approval', 'release'), 'meaning of the signature', REQUIRED),
     ('--who NAME', str, 'user of the page who signs, and must type the password', REQUIRED),
     USERS,

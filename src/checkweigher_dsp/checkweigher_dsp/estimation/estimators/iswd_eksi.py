@@ -94,8 +94,8 @@ class IswdEksi(Estimator):
     parameters = IswdEksiParameters()
     needs_denoised = True
     look = PlotStyle('ISWD-EKSI', 'o', '#d55e00', '#ff8a3d')
-    # All axes but the last one are parameters of the denoiser. Other parameters are not searched,
-    # because they have little effect; see docs/method.md.
+    # All axes but the last one are parameters of the denoiser. The tuner may add gamma5 and the
+    # thresholds. The other parameters keep their values; docs/method.md shows their effects.
     axes = (
         Axis('gamma6', 0.0, 1.2, 0.1),
         Axis('gamma7', 0.0, 1.2, 0.5),
