@@ -159,10 +159,7 @@ def test_a_new_line_is_calibrated_tuned_and_runs_by_the_page_alone(tmp_path: Pat
         ben.until(lambda: not ben.value('Mass of each product'))
 
         ben.commission('4 Limits')
-        ben.fill('Lower limit', '190')
-        ben.make('Set the limits')
-        ben.said('✗', 'select a product first')
-        assert 'no product is selected' in ben.standing('4 Limits')
+        ben.until(lambda: 'no product is selected' in ben.standing('4 Limits'))
         browser.get(f'http://127.0.0.1:{line.port}/')
         # The line uses the trained parameters and the calibration.
         ben.until(lambda: 'tvlpf' in ben.text('[aria-label=Item] .about'))
@@ -170,9 +167,17 @@ def test_a_new_line_is_calibrated_tuned_and_runs_by_the_page_alone(tmp_path: Pat
         ben.until(lambda: 'FAULT' in ben.text('.decision'))
         # The line that ended requested a stop, and the new line withdraws the request.
         ben.until(lambda: not ben.text('.stop'))
-        ben.does('Product', '✓', 'Select', choice='crisps_150g')
-        ben.until(lambda: 'OVER' in ben.text('.decision'))
+        ben.commission('4 Limits')
+        assert not ben.text('.stage.limits .fields')  # limits come with the product
+        ben.until(lambda: ben.clicked('.stage.limits .q-select'))
+        ben.until(lambda: ben.clicked('.q-menu .q-item', 'crisps_150g'))
+        ben.make('Select')
+        ben.said('✓', 'crisps_150g')
+        ben.until(lambda: ben.text('.stage.limits .fields'))
+        assert '✓' in ben.standing('4 Limits')
         assert line.noted('ben')[-1] == 'select product crisps_150g: done'
+        browser.get(f'http://127.0.0.1:{line.port}/')
+        ben.until(lambda: 'OVER' in ben.text('.decision'))
         kinds = [each.kind for each in read_log(line.folder / 'audit.log').entries]
         assert kinds.count('tuned') == 1
         assert errors_of(browser) == []

@@ -32,7 +32,7 @@ class SampleFeed:
         self.name = name
         self.load_cell: LoadCell | None = None
         self._messages: queue.Queue[_Message] = queue.Queue()
-        self.latest: SampleBlock | None = None  # latest block that `blocks` has yielded
+        self.taken: list[SampleBlock] = []  # blocks that `blocks` has yielded since `forget`
 
     def put(self, message: _Message) -> None:
         """Add a block, the load cell, or a text that explains why no more samples will arrive.
@@ -56,6 +56,7 @@ class SampleFeed:
 
         Raises `UserError` if the source has ended or failed.
         """
+        self.taken = []
         while not self._messages.empty():
             self._take()
 
@@ -66,7 +67,7 @@ class SampleFeed:
         """
         while True:
             if (block := self._take()) is not None:
-                self.latest = block
+                self.taken.append(block)
                 yield block
 
     def _take(self) -> SampleBlock | None:

@@ -24,6 +24,7 @@ from checkweigher_bringup.commissioning.verification_bags import end_of_block
 from checkweigher_bringup.commissioning.verification_operator import BrokenOffError, Operator
 from checkweigher_bringup.errors import UserError
 from checkweigher_bringup.recorder import RecorderNode
+from checkweigher_core.recording import Recording
 from checkweigher_core.records import (
     GRAMS,
     NANOSECONDS,
@@ -43,11 +44,11 @@ from checkweigher_recording.bags.writing import BagWriter
 from checkweigher_validation.verification.evaluation import Result, outcome_of
 from checkweigher_validation.verification.plan import MINUTE, Plan
 from checkweigher_validation.verification.procedure import (
-    AtRest,
     Attempt,
     ItemPass,
     Procedure,
     item_pass,
+    reading_between,
 )
 from checkweigher_validation.verification.steps import Step, StepKind, steps_of
 
@@ -265,18 +266,12 @@ class _Guide:
             self._operator.show('the zero is being set')
             answer = call(self._node, Trigger, ports.ZERO, _ANSWER_PATIENCE)
             self._operator.tell(f'zero: {answer.message}')
-        found = read_at_rest(feed, self._cell, self._steadiness, self._operator.show)
-        assert feed.latest is not None
-        end = end_of_block(feed.latest, self._cell)
-        scale = 1 / self._cell.counts_per_kg
-        reading = AtRest(
-            scale * (found.mean - self._cell.zero_counts),
-            abs(scale) * found.std_error,
-            abs(scale) * found.noise,
-            round(self._steadiness.duration * self._cell.sample_rate),
-        )
+        read_at_rest(feed, self._cell, self._steadiness, self._operator.show)
+        end = end_of_block(feed.taken[-1], self._cell)
         begin = end - round(self._steadiness.duration * NANOSECONDS)
-        return Attempt(step, begin, end, reading=reading)
+        # Use the same blocks as the report, so that the operator sees the same mass.
+        samples = Recording(self._cell, feed.taken, ())
+        return Attempt(step, begin, end, reading=reading_between(samples, begin, end))
 
     def _count(self, step: Step, begin: int) -> Attempt:
         """Wait for the weighed passes of a step, and return all passes of the step.

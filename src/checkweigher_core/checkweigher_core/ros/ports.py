@@ -275,18 +275,19 @@ ALARMS = Port(
 DIAGNOSTICS = Port(
     '/diagnostics', 'diagnostic_msgs/msg/DiagnosticArray', None, History(10),
     'every node', ('users',), (), 'Status once a second; see [Diagnostics](reasons.md#diagnostics)')
-# This port is not in `ALL`, because the node dynamic_setting is not part of the line.
+# `DYNAMIC_SETTING` is not in `ALL`, because the node `dynamic_setting` runs beside the line.
 DYNAMIC_SETTING = Port(
     'dynamic_setting', 'checkweigher_msgs/msg/DynamicSetting', None, STATE,
     'dynamic_setting', ('users',), (),
     'State of the dynamic setting: recorded passes, learned file, or cause of a failure')
-# This port is not in `ALL`, because the node verifier is not part of the line.
+# `VERIFICATION_PROGRESS` is not in `ALL`, because it contains questions to an operator. The plan
+# and the steps of a verification, which its bag needs, are on the topic `VERIFICATION`.
 VERIFICATION_PROGRESS = Port(
     'verification_progress', 'checkweigher_msgs/msg/VerificationProgress',
     records.VerificationProgress, STATE, 'verifier', ('users',), (),
     'Progress of a verification that the page guides, and its question to the operator')
-# All topics of the line and of its verification. A replay reads only the first four topics of `ALL`
-# from its bag.
+# All topics of the line, and the plan and steps of a verification. A replay reads only the first
+# four topics of `ALL` from its bag.
 ALL = (
     LOAD_CELL_INFO, LOAD_CELL_SAMPLES, PHOTO_EYES, REFERENCE_MASS, DRIVER_STATUS, ITEMS,
     WEIGH_WINDOW, SEGMENTER_STATUS, ZERO_SETTING, DENOISED_WINDOW, MASS_ESTIMATE, VERDICT,

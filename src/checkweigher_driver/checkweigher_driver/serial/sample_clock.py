@@ -29,8 +29,10 @@ _STEP = 20_000_000
 _WINDOW = 60.0  # duration in s of the signal to which the line is fitted
 _BUCKET = 1.0  # duration in s of the signal whose points are reduced to their convex hull
 _REFIT = 0.25  # time in s between two fits
-_WARM_UP = 1.0  # duration in s of a new line before its use, and of late reads before a new line
-_WARM_UP_READS = 20  # fewest reads of a new line before its use, and late reads before a new line
+# Smallest duration in s, and smallest number, of the reads from which a new line is fitted before
+# it is used. Late reads begin a new line if they reach this duration and this number.
+_WARM_UP = 1.0
+_WARM_UP_READS = 20
 _MAX_DRIFT = 0.02  # largest relative error of the nominal sample rate
 _KNOWN_DRIFT = 300e-6  # largest relative change of a known sample rate
 _KNOWN_AFTER = 20.0  # time in s after which the sample rate is known

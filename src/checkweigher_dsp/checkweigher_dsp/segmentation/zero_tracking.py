@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from checkweigher_dsp.signal import Array
-from checkweigher_dsp.signal.averages import hann_mean
+from checkweigher_dsp.signal.averages import BATCHES, batch_mean_std_error, hann_mean
 
 # Shortest duration in s of a Hann-weighted mean, above the periods of belt vibration.
 _SHORTEST_AVERAGE = 0.1
@@ -276,12 +276,15 @@ class ZeroTracker:
 
         Returns the reading in counts, which becomes the zero if it is within the range. If the
         segment is not stable or has fewer than two samples, the zero is not changed and None is
-        returned.
+        returned. The variance of the zero is that of the mean of this segment, unless the segment
+        is shorter than 1 s, because the earlier segments between products were shorter.
         """
         readings = counts.astype(np.float64)
         if len(readings) < 2 or not self._is_at_rest(readings):
             return None
         reading, noise = self._measure(readings, True)
+        if len(readings) >= BATCHES * _SHORTEST_AVERAGE * self._sample_rate:
+            noise = batch_mean_std_error(readings) ** 2 + _LEAST_NOISE * self._initial_variance
         if self.is_in_range(reading):
             self._stamp, self._behind = time, False
             self._doubted, self._has_read = None, True

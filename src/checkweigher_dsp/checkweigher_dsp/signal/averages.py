@@ -75,7 +75,7 @@ class RunningMoments:
 
     def __init__(self) -> None:
         self.count = 0
-        self.largest = 0.0  # value, with its sign, of the largest magnitude; 0 without values
+        self.largest = 0.0  # signed value of largest magnitude, or 0 if there are no values
         self._mean = self._squares = 0.0  # mean, and sum of squared deviations from it
 
     def add(self, value: float) -> None:

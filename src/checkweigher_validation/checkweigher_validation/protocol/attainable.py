@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Attainable accuracy on a machine, estimated by ridge regression of the mass on the samples.
 
-The best accuracy on a randomly drawn machine has no closed form, because the covariance of its
-noise depends on the mass and on the speed and the edges of the pass. A regression on more than a
+The machines are simulated with random parameters. The best accuracy on such a machine has no closed
+form, because the covariance of the noise depends on the mass, the belt speed, and the times of the
+edges, so it differs from pass to pass. A regression on more than a
 thousand passes of the same machine needs no model. With as few passes as are used for tuning, the
 regression is less accurate, and an estimator with a physical model can be better.
 """

@@ -22,7 +22,7 @@ INK, MUTED, GRID, SURFACE, SHADE = (f'#0{number}0b0d' for number in range(1, 6))
 _SERIES = re.compile('#f1e2([0-9a-f]{2})')
 _VARIABLES = {INK: 'ink', MUTED: 'muted', GRID: 'grid', SURFACE: 'surface', SHADE: 'shade'}
 
-# Style sheet of matplotlib, to be used with matplotlib.rc_context.
+# Path of the matplotlib style sheet of the reports, for `matplotlib.rc_context`.
 STYLE = Path(__file__).with_name('report.mplstyle')
 
 DASHED: Any = {'color': INK, 'lw': 1.2, 'ls': (0, (4, 2))}

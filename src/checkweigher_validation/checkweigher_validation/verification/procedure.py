@@ -206,13 +206,13 @@ def _attempts(
         if each.state == StepState.SKIPPED:
             yield Attempt(step, end, end, skipped=each.text or 'skipped')
         elif step.at_rest:
-            yield Attempt(step, begin, end, reading=_reading(recording, begin, end))
+            yield Attempt(step, begin, end, reading=reading_between(recording, begin, end))
         else:
             own = tuple(item for item in passes if begin <= item.stamp <= end)
             yield Attempt(step, begin, end, own)
 
 
-def _reading(recording: Recording, begin: int, end: int) -> AtRest:
+def reading_between(recording: Recording, begin: int, end: int) -> AtRest:
     """Return the reading from the sample blocks that are completely between two times in ns.
 
     The reading is not valid if there are fewer than ``10 * BATCHES`` samples, if samples between

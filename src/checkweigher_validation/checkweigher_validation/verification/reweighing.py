@@ -9,24 +9,31 @@ the samples would give other results.
 from bisect import bisect_left, bisect_right
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 import hashlib
 import math
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, NamedTuple
 
+from checkweigher_core.block_cutting import join_recording
 from checkweigher_core.parameters import ParameterError
 from checkweigher_core.printable import one_line
 from checkweigher_core.recording import Recording
-from checkweigher_core.records import GRAMS, Decision, MassEstimate, Verdict
+from checkweigher_core.records import GRAMS, Decision, MassEstimate, Verdict, WeighWindow
 from checkweigher_core.records.reasons import Reason
-from checkweigher_dsp.pipeline.line import LineParameters
+from checkweigher_dsp.denoising.denoiser import Denoiser
+from checkweigher_dsp.estimation.identifier import Identifier
+from checkweigher_dsp.pipeline.line import LineParameters, estimate_masses
+from checkweigher_dsp.segmentation.segmenter import Segmenter
 from checkweigher_validation.accuracy.passes import SAME_ITEM
-from checkweigher_validation.accuracy.results import ItemResult, weigh
 
 # Largest difference between the mass in a verdict and the mass that is computed again from the
 # samples, in verification scale intervals e.
 _TOLERANCE = 0.2
+# Largest difference between the recorded zero of an item and its zero by the samples in the bag, in
+# standard deviations of the latter.
+_FURTHEST_ZERO = 3.0
 _MOST = 3  # largest number of items that a sentence names
 
 
@@ -41,20 +48,17 @@ def conflicts(
     """Yield a sentence for each kind of conflict between verdicts, estimates and samples.
 
     A mass in a verdict must equal the mass in its estimate, and may differ by at most 0.2 e from
-    the mass that is computed again from the samples. If the samples cannot be weighed again, a
+    the mass that is computed again from the samples and the recorded zero. The line has tracked the
+    zero since before the bag begins, so the zero cannot be computed exactly. A recorded zero may
+    differ from the zero by the samples in the bag by at most three standard deviations of the
+    latter. If the samples cannot be weighed again, a
     sentence with the reason is yielded. `identity` is the identity record of the bag, which
     contains the parameters of the nodes. `interval` is the verification scale interval e in kg.
     `begins` contains the start times in ns of the recordings if several recordings were weighed
     separately, and is empty otherwise.
     """
-    masses = {(each.item_id, each.t1): each.mass for each in estimates}
-    other = [
-        f'item {each.item_id}: {_grams(each.mass)}, estimate {_grams(mass)}'
-        for each in verdicts
-        if is_weighed(each)
-        and (mass := masses.get((each.estimate_id, each.t1), math.nan)) != each.mass
-    ]
-    yield from _counted('verdicts have another mass than their estimate', other)
+    known = _Results(verdicts, estimates)
+    yield from _counted('verdicts have another mass than their estimate', known.contradictions)
     text = identity.get('parameters')
     if not isinstance(text, str):
         yield 'The samples were not weighed again: the bag has no parameters of the nodes.'
@@ -64,11 +68,13 @@ def conflicts(
         return
     try:
         parameters = _parameters(text)
-        again = [item for part in _cut(recording, begins) for item in weigh(part, parameters)]
+        again = [
+            item for part in _cut(recording, begins) for item in _weigh(part, parameters, known)
+        ]
     except ParameterError as error:
         yield f'The samples were not weighed again: {one_line(error)}.'
         return
-    yield from _compared(again, verdicts, _TOLERANCE * interval)
+    yield from _compared(again, known, _TOLERANCE * interval)
 
 
 def _cut(recording: Recording, begins: Sequence[int]) -> Iterator[Recording]:
@@ -106,43 +112,104 @@ def _parameters(text: str) -> LineParameters:
         return LineParameters.from_file(path)
 
 
-def _compared(
-    again: Sequence[ItemResult], verdicts: Sequence[Verdict], tolerance: float
-) -> Iterator[str]:
-    """Yield a sentence for each kind of conflict between verdicts and items weighed again.
+class _Result(NamedTuple):
+    """Recorded result of an item with a known t1 in ns. Unknown values are NaN."""
 
-    The masses of an item may differ by at most `tolerance` in kg. The verdict of an item is the
-    first verdict whose t1 differs from t1 of the item by at most `SAME_ITEM` ns.
+    t1: int
+    mass: float  # kg, NaN if the item was not weighed
+    zero: float  # tracked zero in kg, relative to the calibration
+
+
+class _Results:
+    """Recorded results in ascending order of t1, without those whose t1 is unknown.
+
+    `contradictions` contains a text for each verdict whose mass is not that of its estimate.
     """
-    known = _known(verdicts)
-    times = [t1 for t1, _ in known]
-    differ, without, found = [], [], set[int]()
+
+    def __init__(self, verdicts: Iterable[Verdict], estimates: Iterable[MassEstimate]) -> None:
+        self.contradictions: list[str] = []
+        made = {(each.item_id, each.t1): each for each in estimates}
+        found = []
+        for each in verdicts:
+            estimate = made.get((each.estimate_id, each.t1))
+            mass, zero = (estimate.mass, estimate.zero) if estimate else (math.nan, math.nan)
+            weighed = is_weighed(each)
+            if weighed and mass != each.mass:
+                self.contradictions.append(
+                    f'item {each.item_id}: {_grams(each.mass)}, estimate {_grams(mass)}'
+                )
+            if each.t1 is not None:
+                found.append(_Result(each.t1, each.mass if weighed else math.nan, zero))
+        self.all = sorted(found)
+        self._times = [each.t1 for each in self.all]
+
+    def at(self, t1: int | None) -> _Result | None:
+        """Return the first result whose t1 differs from `t1` by at most `SAME_ITEM` ns."""
+        if t1 is None:
+            return None
+        number = bisect_left(self._times, t1 - SAME_ITEM)
+        if number == len(self.all) or self._times[number] > t1 + SAME_ITEM:
+            return None
+        return self.all[number]
+
+
+class _Again(NamedTuple):
+    """Item of the samples, with its recorded result if there is one."""
+
+    estimate: MassEstimate  # estimate with the recorded zero or, if it is unknown, the own zero
+    zero: float  # zero in kg by the samples in the bag, relative to the calibration
+    zero_std_dev: float  # kg
+    known: _Result | None
+
+
+def _weigh(recording: Recording, parameters: LineParameters, known: _Results) -> Iterator[_Again]:
+    """Weigh the items of a recording again, each with its recorded zero."""
+    segmenter = Segmenter(recording.load_cell, parameters.segmenter)
+    windows = [each for event in join_recording(recording) for each in segmenter.take(event)]
+    windows += segmenter.finish()
+    results = [known.at(window.t1) for window in windows]
+    given = [_with_zero(*pair) for pair in zip(windows, results, strict=True)]
+    estimates = estimate_masses(
+        given, Denoiser(parameters.denoise), Identifier(parameters.identifier)
+    )
+    for window, estimate, result in zip(windows, estimates, results, strict=True):
+        zero = (window.zero - window.zero_counts) / window.counts_per_kg
+        yield _Again(estimate, zero, window.zero_std_dev / abs(window.counts_per_kg), result)
+
+
+def _with_zero(window: WeighWindow, known: _Result | None) -> WeighWindow:
+    """Return a window with the recorded zero of its item, if it is known."""
+    if known is None or math.isnan(known.zero):
+        return window
+    return replace(window, zero=window.zero_counts + known.zero * window.counts_per_kg)
+
+
+def _compared(again: Sequence[_Again], known: _Results, tolerance: float) -> Iterator[str]:
+    """Yield a sentence for each kind of conflict between recorded results and the samples.
+
+    The masses of an item may differ by at most `tolerance` in kg.
+    """
+    differ, far, without = [], [], []
     for item in again:
-        t1, mass = item.estimate.t1, item.estimate.mass
-        if t1 is None or math.isnan(mass):
+        mass, result = item.estimate.mass, item.known
+        if item.estimate.t1 is None or math.isnan(mass):
             continue
-        number = bisect_left(times, t1 - SAME_ITEM)
-        if number == len(times) or times[number] > t1 + SAME_ITEM:
+        if result is None:
             without.append(f'item {item.estimate.item_id} of the samples: {_grams(mass)}')
             continue
-        found.add(number)
-        # The comparison is False if the mass of the verdict is NaN, which is no conflict.
-        if abs(known[number][1] - mass) > tolerance:
-            differ.append(f'{_grams(known[number][1])}, weighed again {_grams(mass)}')
-    others = [mass for number, (_, mass) in enumerate(known) if number not in found]
-    lacking = [_grams(mass) for mass in others if not math.isnan(mass)]
+        # Each comparison is False if the recorded value is NaN, which is no conflict.
+        if abs(result.mass - mass) > tolerance:
+            differ.append(f'{_grams(result.mass)}, weighed again {_grams(mass)}')
+        if abs(result.zero - item.zero) > tolerance + _FURTHEST_ZERO * item.zero_std_dev:
+            far.append(f'{_grams(result.zero)}, by the samples {_grams(item.zero)}')
+    found = {item.known for item in again if not math.isnan(item.estimate.mass)}
+    lacking = [
+        _grams(each.mass) for each in known.all if each not in found and not math.isnan(each.mass)
+    ]
     yield from _counted('masses are not those of the samples', differ)
+    yield from _counted('zeros are not those of the samples', far)
     yield from _counted('items of the samples have no verdict', without)
     yield from _counted('masses have no item in the samples', lacking)
-
-
-def _known(verdicts: Sequence[Verdict]) -> list[tuple[int, float]]:
-    """Return t1 in ns and the mass in kg of each verdict with a t1, in ascending order of t1.
-
-    The mass is NaN if the item was not weighed.
-    """
-    masses = [(each.t1, each.mass if is_weighed(each) else math.nan) for each in verdicts]
-    return sorted((t1, mass) for t1, mass in masses if t1 is not None)
 
 
 def _counted(what: str, items: Sequence[str]) -> Iterator[str]:

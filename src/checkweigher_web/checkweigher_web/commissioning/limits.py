@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Commissioning step Limits: lower and upper limit of the accepted masses."""
 
+from contextlib import suppress
 from functools import partial
 import math
 
@@ -12,21 +13,23 @@ from checkweigher_web.languages.language import Text
 from checkweigher_web.work import actions
 from checkweigher_web.work.actions import MassLimits
 from checkweigher_web.work.dialogs import field, mass_in
+from checkweigher_web.work.services import ActionRefusedError
 
 
 class LimitsStep(Step):
-    """Step that sets the limits of the gross mass."""
+    """Step that sets the limits of the gross mass, or selects the product if one is needed."""
 
     title = Text('Limits')
     to_do = Text(
         'Items below the lower or above the upper limit are rejected: gross mass, empty for no '
-        'limit. A line with recipes accepts nothing until a product is selected by "Product" on '
-        'the page of the lane, which sets the limits of its recipe instead.'
+        'limit. A line with recipes accepts nothing until a product is selected, which sets the '
+        'limits of its recipe instead.'
     )
 
     def _build(self) -> None:
         self._texts = ['', '']  # texts of the limits in use that the fields last showed
-        with ui.element('div').classes('fields'):
+        self._products = ui.select([], label=self.say('Product')).props('outlined dense')
+        with ui.element('div').classes('fields') as self._fields:
             self._lower = field(self.say('Lower limit'), unit=self.say.unit)
             self._upper = field(self.say('Upper limit'), unit=self.say.unit)
 
@@ -36,32 +39,48 @@ class LimitsStep(Step):
         The limits count as not set if they are not known, or if the line accepts nothing because
         no product is selected.
         """
-        product = self.services.product
-        if product is None:
+        if self.services.product is None:
             return Standing(False, Text('the line has not said its limits yet'))
-        if product.lacks_product:
+        if self._lacks_product:
             return Standing(False, Text('no product is selected, so nothing is accepted'))
         now = actions.limits(self.services)
         if not (math.isfinite(now.lower) or math.isfinite(now.upper)):
             return Standing(False, Text('no limits'))
         return Standing(True, now.text)
 
-    def _now(self) -> MassLimits | None:
-        return None if self.services.product is None else actions.limits(self.services)
+    @property
+    def _lacks_product(self) -> bool:
+        product = self.services.product
+        return product is not None and product.lacks_product
 
     async def update(self) -> None:
-        """Show the limits in use in each field in which the user has not typed."""
-        now = self._now()
-        if now is None:
+        """Show the products to select from, or the limits in use.
+
+        A field in which the user has typed is not changed.
+        """
+        self._products.set_visibility(self._lacks_product)
+        self._fields.set_visibility(not self._lacks_product)
+        if self._lacks_product and not self._products.options:
+            with suppress(ActionRefusedError):  # The node `product` may not have started yet.
+                self._products.set_options([*await actions.products(self.services)])
+        if self.services.product is None:
             return
+        now = actions.limits(self.services)
         before, self._texts = self._texts, [self._entry(now.lower), self._entry(now.upper)]
         for shown, last, text in zip((self._lower, self._upper), before, self._texts, strict=True):
             if shown.value == last:
                 shown.set_value(text)
 
     def primary(self) -> Choice:
-        """Return the button that sets both limits."""
+        """Return the button that sets both limits, or selects the product if one is needed."""
+        if self._lacks_product:
+            return Choice(Text('Select'), self._select, bool(self._products.value))
         return Choice(Text('Set the limits'), self._set)
+
+    async def _select(self) -> None:
+        name = str(self._products.value)
+        select = partial(actions.select_product, self.services, name)
+        await self.perform(Text('select product {name}', name=name), select)
 
     async def _set(self) -> None:
         wanted = MassLimits(

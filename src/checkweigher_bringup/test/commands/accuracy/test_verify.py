@@ -145,15 +145,17 @@ def test_masses_that_are_not_those_of_the_samples_are_told(plan: Path, tmp_path:
             for e in found[port.name]
         ),
     ]
-    for patched, told in (
-        ((ports.VERDICT,), '12 verdicts have another mass than their estimate: item 1: '),
-        ((ports.VERDICT, ports.MASS_ESTIMATE), '12 masses are not those of the samples: '),
+    both = ports.VERDICT, ports.MASS_ESTIMATE
+    for name, by, patched, told in (
+        ('mass', 6e-5, both[:1], '12 verdicts have another mass than their estimate: item 1: '),
+        ('mass', 6e-5, both, '12 masses are not those of the samples: '),
+        ('zero', 1e-3, both[1:], '12 zeros are not those of the samples: '),
     ):
-        forged = tmp_path / f'forged_{len(patched)}'
+        forged = tmp_path / f'forged_{name}_{len(patched)}'
         with BagWriter(forged, ports.RECORDED) as writer:
             for stamp, port, record in sorted(records, key=lambda each: each[0]):
-                new = replace(record, mass=record.mass + 6e-5) if port in patched else record
-                writer.put_record(port, stamp, new)
+                off = {name: getattr(record, name) + by} if port in patched else {}
+                writer.put_record(port, stamp, replace(record, **off) if off else record)
         done = run_here('verify', '--from', forged, '--output', tmp_path / f'{forged.name}_report')
         report = json.loads((tmp_path / f'{forged.name}_report/report.json').read_text())
         assert any(told in each for each in report['departures']), report['departures']
