@@ -50,6 +50,8 @@ _MAX_WINDOWS = 50
 _MAX_OVER = 20  # maximum number of ended alarms
 _MAX_EDGES = 400
 SHOWN = 20.0  # duration in s of the samples that a lane holds for the views
+_MINUTE = 60 * NANOSECONDS
+_RATED = 6  # number of the latest items whose times give the throughput
 _MOMENT = NANOSECONDS // 2  # time in ns over which the load is averaged
 _PARTS = 6  # number of parts of the latest second whose mean loads are compared
 _AROUND = 3 * NANOSECONDS // 10  # margin in ns before the first and after the last edge of an item
@@ -234,6 +236,13 @@ class Lane:
             (each.stamp, Text('zero {mass}', mass=Mass(round(each.zero, 5)))) for each in zeros
         ]
         return history_of(items, ((each.stamp, each.grams) for each in noise), changes)
+
+    def throughput(self) -> float:
+        """Return the items per minute, by the times between the latest six, or NaN if unknown."""
+        (verdicts,) = self._of(Verdict)
+        stamps = [each.stamp for each in verdicts[-_RATED:]]
+        duration = stamps[-1] - stamps[0] if stamps else 0
+        return _MINUTE * (len(stamps) - 1) / duration if duration > 0 else math.nan
 
     def _of(self, *kinds: type) -> list[tuple[Any, ...]]:
         with self._lock:

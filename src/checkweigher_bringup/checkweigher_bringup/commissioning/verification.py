@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 import queue
 import shutil
+from typing import NamedTuple
 
 from rclpy.node import Node
 
@@ -34,11 +35,18 @@ from checkweigher_validation.verification.procedure import read_procedure
 from checkweigher_validation.verification.report import as_json, report_of
 
 
-def verify(arguments: argparse.Namespace) -> str:
+class Outcome(NamedTuple):
+    """Verdict of a verification, and a sentence for each departure from the rules."""
+
+    verdict: str
+    departures: tuple[str, ...]
+
+
+def verify(arguments: argparse.Namespace) -> Outcome:
     """Run a procedure and write its report, or write the report again from the bag of a procedure.
 
-    Returns the verdict. A clause after the verdict states if the verdict could not be written to
-    the audit log, or if the audit log does not confirm the bag and the verdict.
+    A clause after the verdict states if the verdict could not be written to the audit log, or if
+    the audit log does not confirm the bag and the verdict.
     """
     folder: Path = arguments.output
     if arguments.params is not None and not arguments.bags:
@@ -46,8 +54,9 @@ def verify(arguments: argparse.Namespace) -> str:
     check_new(folder)
     if arguments.plan is None:
         with local_bag(arguments.procedure) as recorded:
-            verdict = write_report(recorded, folder)
-            return verdict + _unlike_log(arguments.audit, mcap_digest(recorded), verdict)
+            verdict, departures = write_report(recorded, folder)
+            unlike = _unlike_log(arguments.audit, mcap_digest(recorded), verdict)
+            return Outcome(verdict + unlike, departures)
     plan, text = plan_of(arguments.plan)
     namespace = check_namespace(arguments.namespace)
     parameters = line_parameters(arguments.params, None)
@@ -59,11 +68,11 @@ def verify(arguments: argparse.Namespace) -> str:
         with spinning(namespace, VERIFIER) as spinner:
             _procedure_at_terminal(spinner, plan, text, identity, bag)
 
-    verdict = report_on(make, folder, arguments.audit)
+    verdict, departures = report_on(make, folder, arguments.audit)
     if not arguments.bags and arguments.audit is not None:
         with technician(namespace) as node:
-            return verdict + note_result(node, folder, plan, verdict)
-    return verdict
+            verdict += note_result(node, folder, plan, verdict)
+    return Outcome(verdict, departures)
 
 
 def _procedure_at_terminal(
@@ -125,8 +134,8 @@ def _unlike_log(log: Path | None, bag: str, verdict: str) -> str:
     return '' if verdict in known else f', but it was {known[-1]} when it was made'
 
 
-def report_on(make: Callable[[Identity, Path], None], folder: Path, audit: Path | None) -> str:
-    """Run a procedure, write its report into a new folder, and return the verdict.
+def report_on(make: Callable[[Identity, Path], None], folder: Path, audit: Path | None) -> Outcome:
+    """Run a procedure, write its report into a new folder, and return the outcome.
 
     The function `make` runs the procedure. The arguments of `make` are the identity of the machine
     and the path of the bag to write. `audit` is the path of the audit log of the line, or None if
@@ -144,8 +153,8 @@ def report_on(make: Callable[[Identity, Path], None], folder: Path, audit: Path 
     return write_report(bag, folder)
 
 
-def write_report(bag: Path, folder: Path) -> str:
-    """Write the report of a procedure into a folder as JSON and HTML, and return the verdict.
+def write_report(bag: Path, folder: Path) -> Outcome:
+    """Write the report of a procedure into a folder as JSON and HTML, and return the outcome.
 
     `bag` is the path of the bag of the procedure. The folder is created if it is missing.
 
@@ -158,7 +167,7 @@ def write_report(bag: Path, folder: Path) -> str:
     make_output_folder(folder, exist_ok=True)
     write_whole(folder / 'report.json', as_json(report))
     write_whole(folder / 'report.html', render_verification(report))
-    return str(report['verdict'])
+    return Outcome(report['verdict'], tuple(report['departures']))
 
 
 def plan_of(path: Path) -> tuple[Plan, str]:

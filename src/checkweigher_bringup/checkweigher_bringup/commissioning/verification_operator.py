@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Operator of a verification, to whom the procedure in another thread shows its progress."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 import queue
@@ -100,9 +100,13 @@ class Operator:
         """Publish that the steps have ended, and that the report is being written."""
         self._change(state=ProgressState.MAKING, text='the report is being written')
 
-    def end(self, text: str) -> None:
-        """Publish the end of the procedure, with its verdict or its error as `text`."""
-        self._change(state=ProgressState.IDLE, text=one_line(text))
+    def end(self, text: str, departures: Iterable[str] = ()) -> None:
+        """Publish the end of the procedure.
+
+        `text` contains the verdict or the error. The `departures` replace the texts of events.
+        """
+        lines = tuple(map(one_line, departures))[:_LINES]
+        self._change(state=ProgressState.IDLE, text=one_line(text), lines=lines)
 
     def _ask(self, state: ProgressState, **values: Any) -> tuple[StepAnswer, str]:
         self._change(state=state, question=self._progress.question + 1, **values)

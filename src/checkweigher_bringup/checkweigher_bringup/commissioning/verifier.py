@@ -168,10 +168,10 @@ class VerifierNode(StageNode[VerifierParameters]):
 
         try:
             folder.parent.mkdir(exist_ok=True)
-            verdict = report_on(make, folder, audit)
+            verdict, departures = report_on(make, folder, audit)
             if audit is not None:
                 verdict += note_result(self, folder, plan, verdict)
-            operator.end(f'{name}: {verdict}')
+            operator.end(f'{name}: {verdict}', departures)
             self.get_logger().info(f'verification {name}: {verdict}')
             ended.set_result((verdict, str(folder)))
         except Exception as error:  # a failure of the line or of the disk must not end the node

@@ -5,6 +5,7 @@
 from collections.abc import Callable, Collection
 from dataclasses import replace
 from functools import partial
+import math
 from typing import Any
 
 from nicegui import background_tasks, ui
@@ -41,6 +42,7 @@ _NUMBERS = (
     ('load', Text('Mass that lies on the belt'), '', 0.0),
     ('zero', Text('The zero has drifted by'), '', 0.0),
 )
+_RATE = Text('items/min')
 _EYES = {'infeed': Text('Infeed eye'), 'outfeed': Text('Outfeed eye')}
 
 
@@ -82,6 +84,7 @@ class PracticeView(View):
             ui.label(self.say(_TEXT)).classes('about')
             self._picture = ui.html('', sanitize=False)
             self._feed = ui.switch(self.say('Products come'), on_change=self._set_feed)
+            self._rate = ui.label('')
             with ui.element('div').classes('form'):
                 self._numbers = {each[0]: self._number(*each) for each in _NUMBERS}
             with ui.element('div').classes('form'):
@@ -104,7 +107,14 @@ class PracticeView(View):
         return given
 
     def update(self) -> None:
-        """Read the settings again after each start of the driver, because the start resets them."""
+        """Show the items per minute and, after each start of the driver, its settings.
+
+        A start of the driver resets the settings.
+        """
+        if isinstance(self.lane, Lane):
+            rate = self.lane.throughput() if self._now.feed else math.nan
+            known = f'{self.say.number(rate, 0)} {self.say(_RATE)}'
+            self._rate.set_text('' if math.isnan(rate) else known)
         # A new record of the load cell shows that the driver has started.
         if self.lane.load_cell is not self._cell:
             self._cell = self.lane.load_cell

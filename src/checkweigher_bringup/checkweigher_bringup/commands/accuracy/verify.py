@@ -76,7 +76,10 @@ def run(arguments: argparse.Namespace) -> int:
         if len(bags) > 1:
             return _reports_of(result_names(bags), arguments)
         (arguments.procedure,) = bags
-    return _tell(verification.verify(arguments), arguments.output)
+    outcome = verification.verify(arguments)
+    for departure in outcome.departures:
+        print(departure)
+    return _tell(outcome.verdict, arguments.output)
 
 
 def _tell(verdict: str, folder: Path) -> int:
@@ -122,7 +125,7 @@ def _reports_of(bags: dict[str, str], arguments: argparse.Namespace) -> int:
         try:
             folder.parent.mkdir(parents=True, exist_ok=True)
             one = argparse.Namespace(**vars(arguments) | {'procedure': bag, 'output': folder})
-            verdict = verification.verify(one)
+            verdict = verification.verify(one).verdict
         except BagError as error:
             warn(f'{error}; skipped')
             verdict = 'skipped'
