@@ -237,12 +237,17 @@ class Lane:
         ]
         return history_of(items, ((each.stamp, each.grams) for each in noise), changes)
 
+    def last_estimate(self) -> MassEstimate | None:
+        """Return the latest estimate, or None if none has arrived."""
+        (estimates,) = self._of(MassEstimate)
+        return estimates[-1] if estimates else None
+
     def throughput(self) -> float:
         """Return the items per minute, by the times between the latest six, or NaN if unknown."""
         (verdicts,) = self._of(Verdict)
-        stamps = [each.stamp for each in verdicts[-_RATED:]]
-        duration = stamps[-1] - stamps[0] if stamps else 0
-        return _MINUTE * (len(stamps) - 1) / duration if duration > 0 else math.nan
+        times = [each.t1 for each in verdicts[-_RATED:] if each.t1 is not None]
+        duration = max(times) - min(times) if times else 0
+        return _MINUTE * (len(times) - 1) / duration if duration > 0 else math.nan
 
     def _of(self, *kinds: type) -> list[tuple[Any, ...]]:
         with self._lock:

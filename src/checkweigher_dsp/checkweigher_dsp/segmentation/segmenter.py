@@ -160,7 +160,7 @@ class Segmenter:
             if self.zero_keeper.is_requested:
                 # The span of the empty belt ends `edge_lateness` before the newest sample, because
                 # an edge may still arrive that late.
-                self.zero_keeper.try_to_set(self._empty_span(), self._parameters.zero_time)
+                self.zero_keeper.try_to_set(self._empty_span(), self._parameters.zeroing_time)
         return windows
 
     def _restart_if_new(self, block: SampleBlock) -> list[WeighWindow]:
@@ -222,4 +222,4 @@ def _history(load_cell: LoadCell, parameters: SegmenterParameters) -> float:
     # An item is not longer than the belt, so it does not need more than a transit to leave.
     trail = min(round(NANOSECONDS * parameters.trail_time), transit)
     late = max(2 * round(NANOSECONDS * parameters.edge_lateness), _LONGEST_PIECE)
-    return max(parameters.lead_time, parameters.zero_time) + seconds(transit + trail + late)
+    return max(parameters.lead_time, parameters.zeroing_time) + seconds(transit + trail + late)

@@ -80,7 +80,7 @@ class ZeroKeeper:
         buffer, rate = self._buffer, self._load_cell.sample_rate
         if empty is not None:
             begin, end = max(empty[0], self._requested), empty[1]
-            count = min(end - begin, round(self._limits.zero_time * rate))
+            count = min(end - begin, round(self._limits.zeroing_time * rate))
             if count >= max(2, round(least * rate)):
                 self.answer = self._set(end - count, end)
         late = buffer.end - self._requested > (_PATIENCE + self._limits.edge_lateness) * rate

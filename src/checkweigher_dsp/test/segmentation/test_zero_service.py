@@ -28,7 +28,7 @@ def test_without_a_load_cell_the_service_says_so(process):  # noqa: F811
 
 
 def test_the_service_answers_when_the_belt_was_zeroed(process):  # noqa: F811
-    line, settings = make_line((0.1,), first_entry=8.0), []
+    line, settings = make_line((0.1,), first_entry=12.0), []
     driver = process.node()
     info, samples = driver.output(LOAD_CELL_INFO), driver.output(LOAD_CELL_SAMPLES)
     driver.subscribe(ZERO_SETTING, settings.append)
@@ -37,7 +37,7 @@ def test_the_service_answers_when_the_belt_was_zeroed(process):  # noqa: F811
     info.send(line.load_cell, stamp=0)
 
     answer = _call(process, client)
-    for block in line.blocks(size=96):  # the belt is empty for 8 s, which take 10 s here
+    for block in line.blocks(size=96):  # the belt is empty for 12 s, and 7 s are needed
         samples.send(block)
         time.sleep(0.1)
         if answer.done():

@@ -94,7 +94,7 @@ def test_a_cut_anywhere_leaves_all_whole_chunks(taped, recording):
         assert is_beginning(read, recording, FLUSHED * whole - 15)
     for cut in range(0, chunks[0]):
         file.write_bytes(data[:cut])
-        refused(path, 'broke off before any message was written')
+        refused(path, 'contains no readable message; the recording broke off, or has just begun')
 
 
 def test_room_without_content_is_an_end_as_well(taped, recording):

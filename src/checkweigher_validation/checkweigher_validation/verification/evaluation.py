@@ -12,7 +12,8 @@ The evaluation follows the rules below.
 - The first reading of the empty belt after zeroing must be within 0.25 e of the zero that was set,
   where e is the verification scale interval. Later readings of the empty belt must be within 0.5 e
   of the first reading. Readings of the empty belt during the warm-up must be within 0.5 e of the
-  first reading of the warm-up. The error of passes beside the middle of the belt must be within the
+  first reading of the warm-up. The zero that was set must be within 4 % of Max of the zero of
+  calibration. The error of passes beside the middle of the belt must be within the
   limit of the class. Passes outside the range of dynamic setting must not get a mass. The rules on
   zero, eccentricity and range are from OIML R 51-1:2006, quoted from memory because its text was
   not available.
@@ -47,6 +48,7 @@ from checkweigher_validation.verification.steps import Step, StepKind, steps_of
 
 # Limits, in e, of the zero after zeroing, and of the later changes of the zero.
 ZERO_ACCURACY, ZERO_STABILITY = 0.25, 0.5
+ZERO_RANGE = 0.04  # largest change of the zero since the calibration, relative to Max
 COVERAGE = 2.0  # coverage factor k of the expanded uncertainty
 WARM_UP_MINUTES = (0.0, 5.0, 15.0, 30.0)
 LEVEL = 0.95  # confidence level of the intervals whose coverage is reported
@@ -153,7 +155,7 @@ def outcome_of(procedure: Procedure) -> AttemptResults:
             results.append(_judge_passes(blank, accuracy_class))
         else:
             zero = _zero_for(attempt, procedure.zeros, zeros)
-            results.append(_judge_reading(blank, reading, accuracy_class, zero))
+            results.append(_judge_reading(blank, reading, procedure.plan, zero))
         if reading and not reading.reasons and not step.load:
             zeros.append((step.kind, reading))
     done = {result.attempt.step.name for result in results if not result.attempt.skipped}
@@ -186,12 +188,10 @@ def _zero_for(
     return found[-1] if found else _CALIBRATED
 
 
-def _judge_reading(
-    blank: Result, reading: AtRest, accuracy_class: AccuracyClass, zero: AtRest | None
-) -> Result:
+def _judge_reading(blank: Result, reading: AtRest, plan: Plan, zero: AtRest | None) -> Result:
     if reading.reasons:
         return replace(blank, failures=(f'no reading: {", ".join(reading.reasons)}',))
-    step = blank.attempt.step
+    step, accuracy_class = blank.attempt.step, plan.accuracy_class
     if zero is None:  # the first zero of the warm-up, with which the later zeros are compared
         return replace(
             blank, error=0.0, max_error=math.inf, uncertainty=COVERAGE * reading.std_error
@@ -204,12 +204,15 @@ def _judge_reading(
         share = ZERO_ACCURACY if step.kind == StepKind.ZEROING else ZERO_STABILITY
         limit = share * accuracy_class.interval
     error = reading.mass - zero.mass - mass
+    failures = [] if abs(error) <= limit else ['the error is beyond its limit']
+    if step.kind == StepKind.ZEROING and abs(zero.mass) > ZERO_RANGE * plan.maximum:
+        failures.append('the zero differs from that of the calibration by more than 4 % of Max')
     return replace(
         blank,
         error=error,
         max_error=limit,
         uncertainty=COVERAGE * math.hypot(reading.std_error, zero.std_error, uncertainty),
-        failures=() if abs(error) <= limit else ('the error is beyond its limit',),
+        failures=tuple(failures),
     )
 
 

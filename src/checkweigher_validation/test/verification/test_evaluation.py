@@ -127,6 +127,11 @@ def test_zeros_are_held_to_the_zero_before_and_loads_to_the_latest():
     ]
     errors = [each.error / GRAM for each in results]
     assert errors == pytest.approx([0, 0.06, 0.02, 0.045, 0.09, 0.16, 0.06], abs=1e-9)
+    # A zero that is set with a load on the belt is beyond 4 % of Max, which is 600 g.
+    loaded = attempt_of('zero_1', reading=24.1, begin=START + 2)
+    zeros = [ZeroChange(START + 2, 24.1 * GRAM, 0.0, 0.0)]
+    (failure,) = outcome_of(procedure_of(loaded, zeros=zeros)).results[0].failures
+    assert failure == 'the zero differs from that of the calibration by more than 4 % of Max'
     # Without the service the zero of calibration counts.
     alone = outcome_of(procedure_of(attempts[2])).results[0]
     assert alone.error / GRAM == pytest.approx(3.12)

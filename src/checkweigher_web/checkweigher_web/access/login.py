@@ -17,7 +17,7 @@ from rclpy.logging import get_logger
 from checkweigher_core.printable import one_line
 from checkweigher_web.access.guard import LOGIN, LOGOUT, PLAIN_POLICY, STYLE, Access
 from checkweigher_web.access.throttle import keys_of
-from checkweigher_web.access.users import NOBODY, User, account_name, add_first_user
+from checkweigher_web.access.users import NOBODY, SHORTEST, User, account_name, add_first_user
 from checkweigher_web.languages.language import Language, Text, language_of
 
 _LARGEST = 4096  # maximum size of a form in bytes
@@ -42,6 +42,7 @@ _NO_USER = Text(
     'The page has no user yet. The first one is a technician, who may do everything. The terminal '
     'or log in which the page was started shows the code now.'
 )
+_NEW_PASSWORD = Text('Password, {shortest} characters or more', shortest=SHORTEST)
 
 
 def first_user(code: str) -> str:
@@ -107,7 +108,7 @@ class _Forms:
             title=escape(say('Checkweigher: log in')),
             heading=escape(say('Checkweigher')),
             name=escape(say('Name')),
-            password=escape(say('Password')),
+            password=escape(say(_NEW_PASSWORD if code else Text('Password'))),
             said=escape(say(said)),
             token=token,
             first=first if code else '',

@@ -33,8 +33,8 @@ from checkweigher_web.work.services import ActionRefusedError
 _TRAINING, _TRAINING_OF_PASS = 5.0, 0.045
 _MANY = 100_000  # upper bound of the number of passes, exclusive
 _FOR_VERIFICATION = Text(
-    'The plan of Verify begins with the masses and speeds that are recorded here. A machine that '
-    'will be verified needs a mass close to Min, one close to Max, and one of about a third of Max.'
+    'The plan of Verify begins with the masses and speeds that are recorded here. For a machine '
+    'that will be verified, record a mass close to Min and one close to Max.'
 )
 _PHASES = {
     'reading': Text('reading the passes'),

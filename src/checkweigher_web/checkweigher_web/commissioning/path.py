@@ -5,9 +5,12 @@
 from collections.abc import Callable
 from functools import partial
 import math
+import time
 
 from nicegui import ui
 
+from checkweigher_core.records import NANOSECONDS, MassEstimate
+from checkweigher_validation.verification.plan import MINUTE
 from checkweigher_web.commissioning.registry import STEPS
 from checkweigher_web.commissioning.step import Choice, Standing, Step
 from checkweigher_web.elements import STYLE, named, panel, show_told
@@ -46,6 +49,7 @@ class CommissioningPath:
                 self._steady = ui.linear_progress(0, show_value=False, size='1.25rem')
                 named(self._steady.props('instant-feedback'), say('stability of the load'))
                 self._moving = ui.label('')
+                self._last = ui.label('')
             self._panels, self._standings = [], []
             self._steps: list[Step] = []
             for kind in STEPS:
@@ -95,6 +99,7 @@ class CommissioningPath:
         self._load.set_text(self._say.mass(load, 2))
         self._steady.set_value(_steadiness(change))
         self._moving.set_text(_in_motion(change, self._say))
+        self._last.set_text(_last_item(self._lane.last_estimate(), self._say))
         for step, tab, label in zip(self._steps, self._tabs, self._standings, strict=True):
             await step.update()
             standing = step.standing()
@@ -181,6 +186,17 @@ def _steadiness(change: float) -> float:
     if math.isnan(change):
         return 0.0
     return max(1.0 - math.log(max(change / _AT_REST, 1.0), _MOVES), 0.0)
+
+
+def _last_item(last: MassEstimate | None, say: Language) -> str:
+    if last is None:
+        return ''
+    return say(
+        'last item: {mass}, {speed} m/min, {age} s ago',
+        mass=say.mass(last.mass, 2),
+        speed=say.number(MINUTE * last.belt_speed, 1),
+        age=say.number((time.time_ns() - (last.t3 or 0)) / NANOSECONDS, 0),
+    )
 
 
 def _in_motion(change: float, say: Language) -> str:

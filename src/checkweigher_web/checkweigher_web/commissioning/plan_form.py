@@ -339,7 +339,12 @@ def _doubts(expected: Iterable[Expected]) -> Iterator[Text]:
             )
             names.setdefault(why, []).append(step_words(each.step.name))
     for why, steps in names.items():
-        yield Text('Cannot be decided, because {why}: {steps}', why=why, steps=_listed(steps))
+        yield Text(
+            'Cannot be decided reliably, because {why}: {steps}. A larger e, more passes or a less '
+            'uncertain mass would help.',
+            why=why,
+            steps=_listed(steps),
+        )
 
 
 def _listed(texts: Iterable[Text]) -> Text:

@@ -20,9 +20,9 @@ class StaticStep(Step):
     title = Text('Static')
     to_do = Text(
         'Stop the feed. Read the empty belt, then put known masses on it one after the other and '
-        'read each, then the empty belt once more. At the end write the calibration: what is on '
-        'the belt is then a fault, and the calibration before is kept. The empty belt alone sets '
-        'the zero, and keeps the sensitivity.'
+        'read each, then the empty belt once more. At the end write the calibration; a product '
+        'that is on the belt at that time gets no mass. The calibration before is kept. The empty '
+        'belt alone sets the zero, and keeps the sensitivity.'
     )
 
     def _build(self) -> None:

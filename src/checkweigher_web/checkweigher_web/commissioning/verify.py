@@ -61,6 +61,11 @@ _STATES = {
     ProgressState.ASKING: Text('Do this, then press "Make it": {text}'),
     ProgressState.DECIDING: Text('Failed: make it again, or go on? {text}'),
 }
+_ANSWERED = {
+    StepAnswer.MAKE: Text('{step} begins'),
+    StepAnswer.SKIP: Text('{step} is skipped'),
+    StepAnswer.GO_ON: Text('the result of {step} is kept'),
+}
 _LONGEST_FILE = 4 * LONGEST  # maximum number of bytes that are read from a plan file
 
 
@@ -309,7 +314,7 @@ class VerifyStep(Step):
             await self.services.call(
                 ports.ANSWER_VERIFICATION, question=question, answer=int(answer), reason=reason
             )
-            return Text('{step}: answered', step=step_words(step))
+            return Text(_ANSWERED[answer].template, step=step_words(step))
 
         await self.perform(Text(what.template, step=step, name=seen.name), give)
 

@@ -16,8 +16,9 @@ class ZeroStep(Step):
 
     title = Text('Zero')
     to_do = Text(
-        'Stop the feed, clear the belt, and keep away from it until the bar above no longer grows. '
-        'Then set the zero: masses are read from what the empty belt weighs.'
+        'Stop the feed, clear the belt, and keep away from it. Then set the zero: the line waits '
+        'until the belt is empty and at rest, and reads it for some seconds. Masses are read from '
+        'this zero.'
     )
 
     def _build(self) -> None:

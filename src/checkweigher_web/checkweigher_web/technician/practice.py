@@ -29,7 +29,8 @@ _TEXT = Text(
     'These are the switches of a machine that is simulated. Commission it with them; then make a '
     'fault, and find it on this page. A change takes up to two seconds. It holds until it is taken '
     'back, or until the driver is started again. An empty field is as configured. The belt always '
-    'runs, and its width is not simulated: products for the test of eccentricity pass as always.'
+    'runs: where a step asks to stop it, let no products come. Its width is not simulated: '
+    'products for the test of eccentricity pass as always.'
 )
 # Largest displacement in mm of a photo-eye that its slider allows, in both directions.
 _FARTHEST = 60

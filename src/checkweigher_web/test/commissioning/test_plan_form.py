@@ -108,7 +108,7 @@ def test_a_plan_says_what_cannot_be_decided():
         'This plan cannot pass: Reference small has an uncertainty of 0.2 g (k = 2), above a third '
         'of the limit, 0.0333 g.'
     )
-    assert doubt.startswith('Cannot be decided, because the error will be known to 0.2 g (k = 2)')
+    assert doubt.startswith('Cannot be decided reliably, because the error will be known to 0.2 g')
     assert 'small at 30 m/min, small at 60 m/min, small at rest, loading' in doubt
     assert summary(OWN, LineFacts())[2] == []
     # The mean of 60 passes with a standard deviation of 1 g is known to 0.26 g (k = 2).
@@ -186,8 +186,9 @@ def test_a_plan_says_that_the_first_zero_cannot_be_decided():
     assert summary(OWN, LineFacts(zero_std_dev=12e-6))[2] == []
     (line,) = summary(OWN, LineFacts(zero_std_dev=30e-6))[2]
     assert line == (
-        'Cannot be decided, because the error will be known to 0.06 g (k = 2), and its limit is '
-        '0.025 g: zero, reading 1'
+        'Cannot be decided reliably, because the error will be known to 0.06 g (k = 2), and its '
+        'limit is 0.025 g: zero, reading 1. A larger e, more passes or a less uncertain mass would '
+        'help.'
     )
 
 
