@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Form for a verification plan. A change in the form changes the text of the plan."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import cache, reduce
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
 import json
 import math
 from types import MappingProxyType
@@ -16,17 +16,9 @@ from checkweigher_core.records import GRAMS, LoadCell
 from checkweigher_core.settings_files import plain
 from checkweigher_core.yaml_files import opened
 from checkweigher_validation.accuracy.classes import CLASSES
-from checkweigher_validation.verification.evaluation import plan_departures
-from checkweigher_validation.verification.expectation import (
-    Expected,
-    expected_duration,
-    expected_uncertainties,
-)
-from checkweigher_validation.verification.plan import EXAMPLE, MINUTE, read_plan
-from checkweigher_validation.verification.steps import Step, steps_of
+from checkweigher_validation.verification.plan import EXAMPLE, MINUTE
 from checkweigher_web.commissioning.coverage import Recorded
-from checkweigher_web.languages.language import ENGLISH, Language, Mass, Text
-from checkweigher_web.languages.wording import from_node
+from checkweigher_web.languages.language import ENGLISH, Language, Text
 
 
 class Field(NamedTuple):
@@ -70,8 +62,6 @@ _NUMBERS = 'factor', 'passes'
 _OWN = 'operator', 'place', 'environment', 'maker', 'type', 'certificate', 'serial'
 # Values of a recorded mass in a new plan. The page lists these fields until the user fills them in.
 _UNKNOWN = {'certificate': '?', 'serial': '?', 'uncertainty_g': 0}
-# Assumed distance in m from one product to the next if no passes were recorded.
-_SPACING = 1.0
 # Labels of the tests that a plan may omit, by the keys of their sections.
 TESTS = {
     'warm_up': Text('Warm-up, for a type evaluation'),
@@ -81,27 +71,6 @@ TESTS = {
     'repeatability': Text('Repeatability'),
     'static': Text('Masses at rest'),
 }
-
-
-class LineFacts(NamedTuple):
-    """Facts about a line from which the result of a plan is predicted.
-
-    Attributes
-    ----------
-    load_cell : LoadCell or None
-        Load cell, or None if it is not known.
-    std_dev : float
-        Standard deviation in kg of the mass in one pass, or 0 if it is not known.
-    zero_std_dev : float
-        Standard deviation in kg of a zero that an operator sets, or 0 if it is not known.
-    spacing : float
-        Recorded distance in m from one product to the next, or NaN if it is not known.
-    """
-
-    load_cell: LoadCell | None = None
-    std_dev: float = 0.0
-    zero_std_dev: float = 0.0
-    spacing: float = math.nan
 
 
 def new_plan(
@@ -274,112 +243,15 @@ def _tests_in(plan: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
                 yield each
 
 
-def summary(text: str, known: LineFacts) -> tuple[Text, list[tuple[Text, str]], list[Text]]:
-    """Return a summary of a plan, its steps as rows, and lines on its shortcomings.
-
-    The lines name the fields that the user still has to fill in, the reasons why the plan cannot
-    pass, and the steps that cannot be decided because the uncertainty will be too large. If the
-    plan is not valid, the summary is the error, and there are no rows or lines.
-    """
-    try:
-        plan = read_plan(text)
-    except ParameterError as error:
-        return Text('The plan is not complete: {error}', error=str(error)), [], []
-    steps = steps_of(plan)
-    rows = [(step_words(step.name), _to_do(step)) for step in steps]
-    is_known = math.isfinite(known.spacing)
-    spacing = known.spacing if is_known else _SPACING
-    line = Text(
-        'Steps: {steps}, passes: {passes}, duration: at least {minutes} min, with {spacing} cm '
-        'from one product to the next ({source}), and without the time to place loads and to set '
-        'the belt speed',
-        steps=len(steps),
-        passes=sum(step.count for step in steps),
-        minutes=math.ceil(expected_duration(plan, spacing) / MINUTE),
-        spacing=round(100 * spacing),
-        source=Text('as recorded') if is_known else Text('assumed'),
-    )
-    departures = (
-        Text('This plan cannot pass: {why}', why=from_node(each))
-        for each in plan_departures(plan, known.load_cell)
-    )
-    expected = expected_uncertainties(plan, known.std_dev, known.zero_std_dev)
-    return line, rows, [*_not_given(text), *departures, *_doubts(expected)]
-
-
-def _not_given(text: str) -> Iterator[Text]:
-    """Yield a line with the fields that have a value of the example or '?', if there are any."""
+def not_given(text: str) -> list[Text]:
+    """Return the labels of the fields that still have a value of the example or of a new plan."""
     example = _values_of_example()
-    names = [
+    return [
         field.label
         for field, value in fields_of(text)
         if value == str(_UNKNOWN.get(field.path[-1]))
         or (field.path[-1] in _OWN and value == example.get(field.path))
     ]
-    if names:
-        yield Text('Not filled in yet, or as in the example plan: {fields}', fields=_listed(names))
-
-
-def _to_do(step: Step) -> str:
-    to_do = from_node(step.to_do)
-    if not step.count:
-        return to_do
-    return Text('{count} passes: {to_do}', count=step.count, to_do=to_do)
-
-
-def _doubts(expected: Iterable[Expected]) -> Iterator[Text]:
-    """Yield a line for each reason why steps cannot be decided, with the names of the steps."""
-    names: dict[Text, list[Text]] = {}
-    for each in expected:
-        if not each.is_decidable:
-            why = Text(
-                'the error will be known to {uncertainty} (k = 2), and its limit is {limit}',
-                uncertainty=_three_digits(each.uncertainty),
-                limit=_three_digits(each.limit),
-            )
-            names.setdefault(why, []).append(step_words(each.step.name))
-    for why, steps in names.items():
-        yield Text(
-            'Cannot be decided reliably, because {why}: {steps}. A larger e, more passes or a less '
-            'uncertain mass would help.',
-            why=why,
-            steps=_listed(steps),
-        )
-
-
-def _listed(texts: Iterable[Text]) -> Text:
-    return reduce(lambda listed, text: Text('{steps}, {step}', steps=listed, step=text), texts)
-
-
-def _three_digits(mass: float) -> Mass:
-    return Mass(float(f'{mass:.3g}'))
-
-
-def step_words(name: str) -> Text:
-    """Return the name of a verification step as plain text. An unknown name is not changed."""
-    kind, _, rest = name.partition('_')
-    first, _, last = rest.partition('_')
-    match kind, first:
-        case 'static', 'up' | 'down':
-            if first == 'up':
-                return Text('{load} at rest, loading', load=last)
-            return Text('{load} at rest, unloading', load=last)
-        case 'passes', _:
-            return Text('{load} at {speed} m/min', load=last, speed=first)
-        case 'warm', _:
-            *zero, minutes = last.split('_')
-            if zero:
-                return Text('warm-up, zero after {minutes} min', minutes=minutes)
-            return Text('warm-up, passes after {minutes} min', minutes=minutes)
-        case 'zero', 'after':
-            return Text('zero after the loads')
-        case 'zero', _:
-            return Text('zero, reading {number}', number=rest)
-        case 'outside', _:
-            return Text('outside the range of speeds, {number}', number=rest)
-        case 'eccentricity', _:
-            return Text('beside the middle: {place}', place=rest)
-    return Text('repeatability') if name == 'repeatability' else Text('{name}', name=name)
 
 
 def _sections(text: str) -> dict[str, Any]:

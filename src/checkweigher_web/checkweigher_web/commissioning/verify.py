@@ -27,16 +27,14 @@ from checkweigher_web.commissioning.coverage import (
 from checkweigher_web.commissioning.plan_form import (
     TESTS,
     Field,
-    LineFacts,
     chosen_tests,
     fields_of,
     new_plan,
-    step_words,
-    summary,
     with_test,
     with_value,
     without_mass,
 )
+from checkweigher_web.commissioning.plan_summary import LineFacts, step_words, summary
 from checkweigher_web.commissioning.step import Choice, Standing, Step
 from checkweigher_web.elements import (
     Lines,

@@ -11,16 +11,14 @@ from checkweigher_validation.verification.steps import steps_of
 from checkweigher_web.commissioning.coverage import Recorded
 from checkweigher_web.commissioning.plan_form import (
     TESTS,
-    LineFacts,
     chosen_tests,
     fields_of,
     new_plan,
-    step_words,
-    summary,
     with_test,
     with_value,
     without_mass,
 )
+from checkweigher_web.commissioning.plan_summary import LineFacts, step_words, summary
 from checkweigher_web.languages.language import UNITS, Language, language
 
 
