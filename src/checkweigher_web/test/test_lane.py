@@ -47,6 +47,17 @@ def test_items_have_estimate_reference_and_t4_the_latest_first(lane: Lane, recor
         assert item.reference == result.reference > 0
 
 
+def test_the_items_per_minute_are_those_of_the_latest_items(lane: Lane):
+    latest, *_, earliest = (item.verdict.t1 for item in lane.items())
+    assert latest is not None
+    assert earliest is not None
+    assert lane.throughput() == pytest.approx(2 * 60 * NANOSECONDS / (latest - earliest))
+    assert lane.last_estimate() == lane.items()[0].estimate
+    empty = Lane('')
+    assert np.isnan(empty.throughput())
+    assert empty.last_estimate() is None
+
+
 def test_a_fault_without_a_window_shows_the_samples_around_it(lane: Lane, recording: Recording):
     first = [edge.stamp for edge in recording.edges[:4]]
     fault = Verdict(9, first[2] + 1, Decision.FAULT, ('MissingEdge',), t1=first[0])

@@ -87,6 +87,7 @@ def test_a_machine_is_verified_by_the_page_alone(tmp_path: Path):
         ben.makes('zero after the loads')
         ben.sees(': failed')
         ben.until(lambda: 'failed' in ben.text('.verify .reports'))
+        ben.until(lambda: 'Step passes_60_small has 2 attempts' in ben.text('.verify .read'))
         assert 'passed, reading ' in ben.text('.verify .steps')
         assert 'skipped: no weights' in ben.text('.verify .steps')
         (folder,) = (line.folder / 'verifications').iterdir()

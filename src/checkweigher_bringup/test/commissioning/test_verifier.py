@@ -259,6 +259,7 @@ def test_an_operator_is_guided_and_the_bag_gives_the_report_again(tmp_path: Path
     ]  # fmt: skip
     assert report['verdict'] == 'failed'
     steps = {step['name']: step for step in report['steps']}
+    assert set(report['departures']) <= set(printed.splitlines())
     for name in ('zero_1', 'zero_2', 'zero_after'):  # the operator has seen the mass of the report
         assert f'{name}, passed, reading {steps[name]["reading"]["mass_g"]:+.4f} g' in printed
     assert steps['warm_up_0.02']['why'] == ['no weights']

@@ -225,3 +225,19 @@ def test_setting_takes_the_reading_within_the_range_alone():
     assert tracker.zero == Zero(0.0, 10.0)
     assert tracker.set(0.0, _counts(*[99] * 4)) == 99
     assert tracker.zero.counts == 99
+
+
+def test_a_zero_that_is_set_is_as_certain_as_its_reading_is_long():
+    rate, sigma = 960.0, 100.0  # Hz, counts
+    noise = np.random.default_rng(5).normal(0.0, sigma, round(400 * rate)).astype(np.int32)
+    tracker = ZeroTracker(0.0, 1e4, 1.0, rate)
+    for number in range(20):  # gaps of 0.2 s between products
+        tracker.update(float(number), noise[200 * number : 200 * number + 192])
+    known = []
+    for reading in noise.reshape(80, -1)[1:]:  # 5 s each
+        tracker.set(100.0, reading)
+        known.append((tracker.zero.counts, tracker.zero.std_dev))
+    zeros, stated = np.transpose(known)
+    # A Hann-weighted mean of white noise is as uncertain as a plain mean of two thirds of it.
+    assert np.std(zeros) == pytest.approx(sigma * math.sqrt(1.5 / (5 * rate)), rel=0.2)
+    assert np.sqrt(np.mean(stated**2)) == pytest.approx(sigma / math.sqrt(5 * rate), rel=0.2)
