@@ -276,14 +276,15 @@ class ZeroTracker:
 
         Returns the reading in counts, which becomes the zero if it is within the range. If the
         segment is not stable or has fewer than two samples, the zero is not changed and None is
-        returned. The variance of the zero is that of the mean of this segment, unless the segment
-        is shorter than 1 s, because the earlier segments between products were shorter.
+        returned. The reading of a segment of at least 1 s is its plain mean, with the variance by
+        the method of batch means. The pooled variance of `update` is that of shorter segments.
         """
         readings = counts.astype(np.float64)
         if len(readings) < 2 or not self._is_at_rest(readings):
             return None
         reading, noise = self._measure(readings, True)
         if len(readings) >= BATCHES * _SHORTEST_AVERAGE * self._sample_rate:
+            reading = float(np.mean(readings))
             noise = batch_mean_std_error(readings) ** 2 + _LEAST_NOISE * self._initial_variance
         if self.is_in_range(reading):
             self._stamp, self._behind = time, False
