@@ -5,6 +5,7 @@
 from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import islice
 import math
 import threading
 import time
@@ -239,15 +240,24 @@ class Lane:
 
     def last_estimate(self) -> MassEstimate | None:
         """Return the latest estimate, or None if none has arrived."""
-        (estimates,) = self._of(MassEstimate)
-        return estimates[-1] if estimates else None
+        with self._lock:
+            estimates = self._latest[MassEstimate]
+            return estimates[-1] if estimates else None
 
     def throughput(self) -> float:
-        """Return the items per minute, by the times between the latest six, or NaN if unknown."""
-        (verdicts,) = self._of(Verdict)
-        times = [each.t1 for each in verdicts[-_RATED:] if each.t1 is not None]
+        """Return the items per minute, by the times between the latest six.
+
+        Returns NaN if fewer than two items are known, or if no item has come for some time.
+        """
+        with self._lock:
+            latest = list(islice(reversed(self._latest[Verdict]), _RATED))
+        times = [each.t1 for each in latest if each.t1 is not None]
         duration = max(times) - min(times) if times else 0
-        return _MINUTE * (len(times) - 1) / duration if duration > 0 else math.nan
+        if duration <= 0:
+            return math.nan
+        interval = duration / (len(times) - 1)
+        since = NANOSECONDS * (time.monotonic() - self.judged)
+        return _MINUTE / interval if since < _RATED * interval else math.nan
 
     def _of(self, *kinds: type) -> list[tuple[Any, ...]]:
         with self._lock:

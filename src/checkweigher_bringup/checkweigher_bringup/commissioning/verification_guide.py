@@ -184,6 +184,7 @@ class _Guide:
         self._check_bag = check_bag
         self._steadiness = Steadiness(plan.rest.duration_s, plan.rest.tolerance)
         self._attempts: list[Attempt] = []
+        self._last: Result | None = None  # result of the last attempt, unless it was skipped
         self._warm: int | None = None  # start of the warm-up in ns
 
     def run(self) -> None:
@@ -208,16 +209,16 @@ class _Guide:
             time.sleep(_POLL_PERIOD)
 
     def _leaves_belt_empty(self, step: Step) -> bool:
-        """Return whether a step is a further reading of the belt that was just read empty.
+        """Return whether a step is a further reading after a reading of the empty belt that passed.
 
         The operator has nothing to do for such a step, so it begins without a question.
         """
-        last = self._attempts[-1] if self._attempts else None
+        last = self._last
         return (
             step.kind is StepKind.ZERO
             and last is not None
-            and last.step.kind in (StepKind.ZEROING, StepKind.ZERO)
-            and not last.skipped
+            and last.attempt.step.kind in (StepKind.ZEROING, StepKind.ZERO)
+            and last.passed
         )
 
     def _make(self, number: int, step: Step, *, asks: bool) -> bool:
@@ -235,6 +236,7 @@ class _Guide:
             now = node.latest
             node.tell(VerificationStep(now, step.name, StepState.SKIPPED, None, reason))
             self._attempts.append(Attempt(step, now, now, skipped=reason))
+            self._last = None
             return True
         begin = node.latest
         if step.minutes is not None and self._warm is None:
@@ -249,7 +251,7 @@ class _Guide:
         self._attempts.append(attempt)
         zeros = tuple(node.zeros)
         procedure = Procedure(self._plan, '', {}, self._cell, tuple(self._attempts), zeros, '')
-        found = outcome_of(procedure).results[-1]
+        self._last = found = outcome_of(procedure).results[-1]
         return self._operator.goes_on(number, _line(found), passed=found.passed)
 
     def _wait_for_warm_up(self, step: Step) -> None:

@@ -111,7 +111,8 @@ def write_version(
 ) -> int:
     """Write a calibration as the newest version of a file, and return the version number.
 
-    The previous version N of ``NAME.yaml`` is kept as ``NAME.vN.yaml``. Other parameters are copied
+    The previous version N of ``NAME.yaml`` is kept as ``NAME.vN.yaml``, or with a higher number if
+    this file has other content. Other parameters are copied
     from the file `base` or, by default, from the previous version, if there is one. `source` is the
     name of the source whose parameters are set. Raises CalibrationError or OutputError if the file
     cannot be written, and SettingsError if the copied parameters are invalid. After an error, an
@@ -155,13 +156,13 @@ def replace_version(path: Path, new: Path) -> int:
 def _keep(path: Path, version: int) -> None:
     """Keep a file as a version, or as the next one if another file is kept as this version.
 
-    An earlier attempt that was interrupted may have kept the same file already.
+    An earlier attempt that was interrupted may have kept the same content already.
     """
     kept = path.with_name(f'{path.stem}.v{version}{path.suffix}')
     try:
         if not kept.exists():
             os.link(path, kept)
-        elif not kept.samefile(path):
+        elif kept.read_bytes() != path.read_bytes():
             _keep(path, version + 1)
     except OSError as error:
         raise output_error(kept, error) from None

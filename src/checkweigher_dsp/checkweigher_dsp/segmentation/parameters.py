@@ -11,9 +11,10 @@ from checkweigher_core.records import MAX_WINDOW, NANOSECONDS, LoadCell, seconds
 from checkweigher_dsp.signal.rise_lag import PLATFORM_LAG
 
 _MAX_HISTORY = 2**22  # maximum number of samples in the buffer
-# Duration of the reading of an empty belt by which the service `zero` sets the zero, in multiples
-# of ``zero_time``. With 5 s, the standard deviation of the zero is less than half of that with 1 s.
-_ZEROING = 5
+# Duration in s of the reading of an empty belt by which the service `zero` sets the zero, at most
+# `_ZEROING_RATIO` times ``zero_time``. With 5 s, the standard deviation of the zero is less than
+# half of that with 1 s.
+_ZEROING, _ZEROING_RATIO = 5.0, 5
 
 _duration = partial(parameter, unit='s', minimum=0, maximum=60)
 _mass = partial(parameter, unit='kg', minimum=0, maximum=1e6)
@@ -40,7 +41,7 @@ class SegmenterParameters(Parameters):
     zero_time: float = _duration(
         1.0,
         'longest duration of the empty-belt signal before t1 from which the zero is computed; the '
-        'service zero reads an empty belt five times as long',
+        'service zero reads a belt that stays empty five times as long, at most 5 s',
     )
     settle_time: float = _duration(
         0.1,
@@ -190,7 +191,7 @@ class SegmenterParameters(Parameters):
     @property
     def zeroing_time(self) -> float:
         """Duration in s of the reading of an empty belt by the service `zero`."""
-        return _ZEROING * self.zero_time
+        return max(self.zero_time, min(_ZEROING, _ZEROING_RATIO * self.zero_time))
 
     def max_transit(self, weigh_length: float) -> int:
         """Return the longest transit of an item in ns; `weigh_length` is in m."""

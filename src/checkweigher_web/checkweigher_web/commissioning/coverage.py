@@ -28,7 +28,7 @@ from checkweigher_web.work.services import LaneServices
 # 150 g alone, has mean errors of at most 0.06 g from 50 to 225 g, but up to 0.12 g at 300 g and
 # 0.42 g at 500 g.
 _HEAVIER, _LIGHTER = 1.5, 3.0
-_SAME_SPEED = 0.03  # largest relative difference between speeds that count as equal
+SAME_SPEED = 0.03  # largest relative difference between speeds that count as equal
 _MANY = 1000  # maximum number of bags whose passes are cached
 
 _REASON = Text(
@@ -137,7 +137,7 @@ def not_covered(known: Sequence[Recorded], loads: Iterable[Load]) -> Iterator[Lo
 
 def _is_covered(known: Sequence[Recorded], speed: float, mass: float) -> bool:
     speeds = [each.speed for each in known]
-    low, high = 1 - _SAME_SPEED, 1 + _SAME_SPEED
+    low, high = 1 - SAME_SPEED, 1 + SAME_SPEED
     if not (speeds and low * min(speeds) <= speed <= high * max(speeds)):
         return False
     nearest = min(speeds, key=lambda each: abs(each - speed))

@@ -2,18 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """Commissioning step Limits: lower and upper limit of the accepted masses."""
 
-from contextlib import suppress
 from functools import partial
 import math
 
-from nicegui import ui
+from nicegui import background_tasks, ui
 
 from checkweigher_web.commissioning.step import Choice, Standing, Step
 from checkweigher_web.languages.language import Text
 from checkweigher_web.work import actions
 from checkweigher_web.work.actions import MassLimits
 from checkweigher_web.work.dialogs import field, mass_in
-from checkweigher_web.work.services import ActionRefusedError
+from checkweigher_web.work.services import ActionRefusedError, Outcome
 
 
 class LimitsStep(Step):
@@ -27,6 +26,7 @@ class LimitsStep(Step):
     )
 
     def _build(self) -> None:
+        self._has_asked = False  # whether the products were requested from the node `product`
         self._texts = ['', '']  # texts of the limits in use that the fields last showed
         self._products = ui.select([], label=self.say('Product')).props('outlined dense')
         with ui.element('div').classes('fields') as self._fields:
@@ -60,9 +60,9 @@ class LimitsStep(Step):
         """
         self._products.set_visibility(self._lacks_product)
         self._fields.set_visibility(not self._lacks_product)
-        if self._lacks_product and not self._products.options:
-            with suppress(ActionRefusedError):  # The node `product` may not have started yet.
-                self._products.set_options([*await actions.products(self.services)])
+        if self._lacks_product and not self._has_asked:
+            self._has_asked = True
+            background_tasks.create(self._show_products())
         if self.services.product is None:
             return
         now = actions.limits(self.services)
@@ -70,6 +70,15 @@ class LimitsStep(Step):
         for shown, last, text in zip((self._lower, self._upper), before, self._texts, strict=True):
             if shown.value == last:
                 shown.set_value(text)
+
+    async def _show_products(self) -> None:
+        try:
+            known = await actions.products(self.services)
+        except ActionRefusedError as error:
+            self.tell(Outcome(False, error.text))
+            return
+        if not self._products.is_deleted:
+            self._products.set_options([*known])
 
     def primary(self) -> Choice:
         """Return the button that sets both limits, or selects the product if one is needed."""

@@ -9,7 +9,7 @@ import time
 
 from nicegui import ui
 
-from checkweigher_core.records import NANOSECONDS, MassEstimate
+from checkweigher_core.records import MassEstimate
 from checkweigher_validation.verification.plan import MINUTE
 from checkweigher_web.commissioning.registry import STEPS
 from checkweigher_web.commissioning.step import Choice, Standing, Step
@@ -99,7 +99,8 @@ class CommissioningPath:
         self._load.set_text(self._say.mass(load, 2))
         self._steady.set_value(_steadiness(change))
         self._moving.set_text(_in_motion(change, self._say))
-        self._last.set_text(_last_item(self._lane.last_estimate(), self._say))
+        age = time.monotonic() - self._lane.judged
+        self._last.set_text(_last_item(self._lane.last_estimate(), age, self._say))
         for step, tab, label in zip(self._steps, self._tabs, self._standings, strict=True):
             await step.update()
             standing = step.standing()
@@ -188,14 +189,14 @@ def _steadiness(change: float) -> float:
     return max(1.0 - math.log(max(change / _AT_REST, 1.0), _MOVES), 0.0)
 
 
-def _last_item(last: MassEstimate | None, say: Language) -> str:
-    if last is None:
+def _last_item(last: MassEstimate | None, age: float, say: Language) -> str:
+    if last is None or math.isinf(age):
         return ''
     return say(
         'last item: {mass}, {speed} m/min, {age} s ago',
         mass=say.mass(last.mass, 2),
         speed=say.number(MINUTE * last.belt_speed, 1),
-        age=say.number((time.time_ns() - (last.t3 or 0)) / NANOSECONDS, 0),
+        age=say.number(age, 0),
     )
 
 

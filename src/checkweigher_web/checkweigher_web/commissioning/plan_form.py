@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Form for a verification plan. A change in the form changes the text of the plan."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
 import json
 import math
@@ -15,9 +15,9 @@ from checkweigher_core.parameters import ParameterError
 from checkweigher_core.records import GRAMS, LoadCell
 from checkweigher_core.settings_files import plain
 from checkweigher_core.yaml_files import opened
-from checkweigher_validation.accuracy.classes import CLASSES
+from checkweigher_validation.accuracy.classes import CLASSES, smallest_interval
 from checkweigher_validation.verification.plan import EXAMPLE, MINUTE
-from checkweigher_web.commissioning.coverage import Recorded
+from checkweigher_web.commissioning.coverage import SAME_SPEED, Recorded
 from checkweigher_web.languages.language import ENGLISH, Language, Text
 
 
@@ -60,6 +60,7 @@ _NUMBERS = 'factor', 'passes'
 # Keys whose values differ between verifications. The page names the keys that still have the value
 # of the example plan.
 _OWN = 'operator', 'place', 'environment', 'maker', 'type', 'certificate', 'serial'
+_OUTSIDE = 1.25  # smallest ratio of a speed outside the range to the highest speed of the plan
 # Values of a recorded mass in a new plan. The page lists these fields until the user fills them in.
 _UNKNOWN = {'certificate': '?', 'serial': '?', 'uncertainty_g': 0}
 # Labels of the tests that a plan may omit, by the keys of their sections.
@@ -117,13 +118,26 @@ def _with_recorded(
         for mass in masses
     }
     plan['loads'] = list(plan['references'])
-    plan['speeds_m_per_min'] = sorted({round(MINUTE * each.speed) for each in passes})
-    if len(masses) > 1:
-        plan['min_g'], plan['max_g'] = _round_down(masses[0]), -_round_down(-masses[-1])
+    plan['speeds_m_per_min'] = speeds = _distinct([MINUTE * each.speed for each in passes])
+    heaviest = masses[-1] if len(masses) > 1 else 3 * masses[0]  # above a single mass
+    plan['min_g'], plan['max_g'] = _round_down(masses[0]), -_round_down(-heaviest)
+    smallest = GRAMS * smallest_interval(plan['class'], plan['max_g'] / GRAMS)
+    plan['e_g'] = max(plan['e_g'], _number(f'{smallest:.6g}'))
+    for each in plan['outside']:
+        each['speed_m_per_min'] = max(each['speed_m_per_min'], round(_OUTSIDE * speeds[-1]))
     del plan['prepackages_g'], plan['warm_up']
     for key in TESTS & plan.keys():
-        plan[key] = _as_in_example(key, plan)
+        plan[key] = _fitted(plan[key], plan)
     return _dumped(plan)
+
+
+def _distinct(speeds: Iterable[float]) -> list[int]:
+    """Return ascending belt speeds in m/min, without those that count as equal to a lower one."""
+    found: list[float] = []
+    for speed in sorted(speeds):
+        if not found or speed > (1 + SAME_SPEED) * found[-1]:
+            found.append(speed)
+    return [round(speed) for speed in found]
 
 
 def _round_down(mass: float) -> float:
@@ -189,17 +203,17 @@ def with_test(text: str, key: str, *, made: bool) -> str:
     plan = _sections(text)
     plan.pop(key, None)
     if made:
-        plan[key] = _as_in_example(key, plan)
+        plan[key] = _fitted(_sections(EXAMPLE)[key], plan)
     return _dumped(plan)
 
 
-def _as_in_example(key: str, plan: Mapping[str, Any]) -> Any:
-    """Return the section of a test in the example plan, with the loads and speed of another plan.
+def _fitted(section: Any, plan: Mapping[str, Any]) -> Any:
+    """Return the section of a test of another plan with the loads and the speed of a plan.
 
     Keys that the section does not contain are not added. If the section is a list, only the load of
     each entry is replaced.
     """
-    section, load = _sections(EXAMPLE)[key], _third_of_max(plan)
+    load = _third_of_max(plan)
     if isinstance(section, list):
         return [{**each, 'load': load} for each in section]
     speed, *_ = plan.get('speeds_m_per_min') or [0.0]

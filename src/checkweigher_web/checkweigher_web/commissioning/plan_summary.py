@@ -104,8 +104,8 @@ def _doubts(expected: Iterable[Expected]) -> Iterator[Text]:
             names.setdefault(why, []).append(step_words(each.step.name))
     for why, steps in names.items():
         yield Text(
-            'Cannot be decided reliably, because {why}: {steps}. A larger e, more passes or a less '
-            'uncertain mass would help.',
+            'Cannot be decided reliably, because {why}: {steps}. A larger e would help, and for a '
+            'mass more passes or a smaller uncertainty.',
             why=why,
             steps=_listed(steps),
         )

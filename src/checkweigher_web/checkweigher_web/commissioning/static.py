@@ -102,7 +102,7 @@ class StaticStep(Step):
             # Drop the oldest readings if the driver has fewer readings than the page.
             del readings[: len(readings) + 1 - answer.points]
             readings.append(found)
-            if mass:
+            if mass and uncertainty:
                 self.services.uncertainties[mass] = uncertainty
             return Text('{load}: {mass}', load=load, mass=Mass(round(found.mass, 6)))
 

@@ -101,7 +101,8 @@ class VerifyStep(Step):
             self._table = Table((say('step'), say('what to do, or the result')))
         self._reports = ui.element('ol').classes('reports')
         named(self._reports, say('reports'))
-        self._show_text(self.services.plans.get(self.desk.person) or self._new_plan())
+        self._new = self._new_plan()  # The facts about the line, and so this plan, may change.
+        self._show_text(self.services.plans.get(self.desk.person) or self._new)
 
     def _new_plan(self) -> str:
         lane, known = self.lane, self.services.uncertainties
@@ -127,7 +128,7 @@ class VerifyStep(Step):
         name = str(self._plans.value)
         try:
             path = self._paths.get(name)
-            self._show_text(self._new_plan() if path is None else read_input(path).decode('utf-8'))
+            self._show_text(self._new if path is None else read_input(path).decode('utf-8'))
         except (OSError, UnicodeDecodeError) as error:
             self.tell(Outcome(False, f'{name}: {error}'))
 
@@ -184,7 +185,7 @@ class VerifyStep(Step):
     def _store(self, text: str) -> None:
         """Store a plan for this page, and also for the user if it differs from a new plan."""
         self._text = text
-        self.services.plans[self.desk.person] = '' if text == self._new_plan() else text
+        self.services.plans[self.desk.person] = '' if text == self._new else text
 
     def _change(self, text: str) -> None:
         self._store(text)
@@ -223,7 +224,8 @@ class VerifyStep(Step):
         self._said = said
         is_idle = said.state is ProgressState.IDLE
         show_told(self._state, _state(said), self.say)
-        self._lines.show(self.say(in_words(line)) for line in reversed(said.lines))
+        lines = said.lines if is_idle else reversed(said.lines)  # the end shows the departures
+        self._lines.show(self.say(in_words(line)) for line in lines)
         if not (is_idle and before is None):
             self._show_results(said)
         if before is None or before.state is not said.state:
@@ -235,12 +237,13 @@ class VerifyStep(Step):
     async def _check_again(self) -> None:
         now = await recorded(self.services), self.lane.zero
         if now != (self._known, self._zero) and not self._state.is_deleted:
-            is_new = self._text == self._new_plan()
             self._known, self._zero = now
-            if is_new:
-                self._show_text(self._new_plan())
-            else:
-                self._show_summary()
+            self._show_summary()
+        new = self._new_plan()
+        if new != self._new:
+            before, self._new = self._new, new
+            if self._text == before:
+                self._show_text(new)
 
     def _show_results(self, said: VerificationProgress) -> None:
         if said.steps:

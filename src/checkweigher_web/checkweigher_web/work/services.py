@@ -137,8 +137,8 @@ class LaneServices(PortNode):
     calibrated : Text or None
         Text on the latest calibration that the page has written, or None if it has written none.
     plans : dict of str to str
-        Text of the verification plan that each user edited last, by user name, or '' for a plan
-        that is still the example.
+        Text of the verification plan that each user edited last, by user name, or '' for a new plan
+        that was not edited.
     setting, test, verification, product
         Latest message about the dynamic setting, the performance test, the verification and the
         product on the line, or None if no message has arrived.

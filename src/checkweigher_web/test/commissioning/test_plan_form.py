@@ -166,8 +166,22 @@ def test_a_new_plan_has_the_masses_and_speeds_that_were_recorded():
         '200g: certificate, 200g: serial number, '
         '484g: standard uncertainty, 484g: certificate, 484g: serial number'
     )
-    one = read_plan(new_plan('Eve', CELL, passes[:1]))
-    assert (one.loads, one.min_g, one.max_g) == (('484g',), 60.0, 600.0)
+
+
+@pytest.mark.parametrize(
+    ('masses', 'speeds', 'expected'),
+    [
+        ([0.484], [1.0], (480, 1500, 0.2, (60,), 150)),  # a single mass is about a third of Max
+        ([0.04, 1.5], [60.4 / 60, 60.6 / 60], (40, 1500, 0.2, (60,), 150)),
+        ([0.2, 0.6], [2.0, 160 / 60], (200, 600, 0.1, (120, 160), 200)),
+    ],
+)
+def test_a_new_plan_is_valid_for_all_recorded_masses_and_speeds(masses, speeds, expected):
+    known = [Recorded(speed, mass, 60, 1.0) for speed in speeds for mass in masses]
+    plan = read_plan(new_plan('Eve', CELL, known))
+    (outside,) = plan.outside
+    found = plan.min_g, plan.max_g, plan.e_g, plan.speeds_m_per_min, outside.speed_m_per_min
+    assert found == expected
 
 
 def test_a_plan_for_another_load_cell_cannot_pass():
@@ -185,8 +199,8 @@ def test_a_plan_says_that_the_first_zero_cannot_be_decided():
     (line,) = summary(OWN, LineFacts(zero_std_dev=30e-6))[2]
     assert line == (
         'Cannot be decided reliably, because the error will be known to 0.06 g (k = 2), and its '
-        'limit is 0.025 g: zero, reading 1. A larger e, more passes or a less uncertain mass would '
-        'help.'
+        'limit is 0.025 g: zero, reading 1. A larger e would help, and for a mass more passes or a '
+        'smaller uncertainty.'
     )
 
 

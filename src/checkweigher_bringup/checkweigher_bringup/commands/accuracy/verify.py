@@ -78,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
         (arguments.procedure,) = bags
     outcome = verification.verify(arguments)
     for departure in outcome.departures:
-        print(departure)
+        print(one_line(departure))
     return _tell(outcome.verdict, arguments.output)
 
 
