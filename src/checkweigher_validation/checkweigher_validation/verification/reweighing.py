@@ -57,10 +57,10 @@ def conflicts(
     zero since before the bag begins, so the zero cannot be computed exactly. A recorded zero may
     differ from the zero by the samples in the bag by at most three standard deviations of the
     latter, and the median of the differences of at least 100 items may be at most 0.2 e. If the
-    samples cannot be weighed again, a sentence with the reason is yielded. `identity` is the identity record of the bag, which
-    contains the parameters of the nodes. `interval` is the verification scale interval e in kg.
-    `begins` contains the start times in ns of the recordings if several recordings were weighed
-    separately, and is empty otherwise.
+    samples cannot be weighed again, a sentence with the reason is yielded. `identity` is the
+    identity record of the bag, which contains the parameters of the nodes. `interval` is the
+    verification scale interval e in kg. `begins` contains the start times in ns of the recordings
+    if several recordings were weighed separately, and is empty otherwise.
     """
     known = _Results(verdicts, estimates)
     yield from _counted('verdicts have another mass than their estimate', known.contradictions)

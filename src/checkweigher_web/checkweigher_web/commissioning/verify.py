@@ -57,7 +57,9 @@ _MANY = 10  # maximum number of verifications in the list
 _EXAMPLE = Text('example')
 _STATES = {
     ProgressState.ASKING: Text('Do this, then press "Make it": {text}'),
-    ProgressState.DECIDING: Text('Failed: make it again, or go on? {text}'),
+    ProgressState.DECIDING: Text(
+        'Failed. Go on, or make it again, after which the verdict is undecided at best? {text}'
+    ),
 }
 _ANSWERED = {
     StepAnswer.MAKE: Text('{step} begins'),
