@@ -103,6 +103,13 @@ _MESSAGES = (
     ),
     Text('The line has {device}, but the plan has load cell {cell} and amplifier {amplifier}.'),
     Text('a device without a serial number'),
+    # Further departures of a verification from the rules
+    Text('Step {name} was not made.'),
+    Text('Step {name} has {count} attempts; the last that was made counts.'),
+    Text('Step {name} had no zeroing before it; it was compared with the calibrated zero.'),
+    Text('No audit log was read, so changes between the steps may be unknown.'),
+    Text('Parameters and audit log were not read again after the last step.'),
+    Text('The samples have another calibration than the audit log of the machine.'),
     Text('skipped: {reason}'),
     Text('{name}: passed'),
     Text('{name}: failed'),
