@@ -112,11 +112,10 @@ def write_version(
     """Write a calibration as the newest version of a file, and return the version number.
 
     The previous version N of ``NAME.yaml`` is kept as ``NAME.vN.yaml``, or with a higher number if
-    this file has other content. Other parameters are copied
-    from the file `base` or, by default, from the previous version, if there is one. `source` is the
-    name of the source whose parameters are set. Raises CalibrationError or OutputError if the file
-    cannot be written, and SettingsError if the copied parameters are invalid. After an error, an
-    existing file is unchanged.
+    this file has other content. Other parameters are copied from the file `base` or, by default,
+    from the previous version, if there is one. `source` is the name of the source whose parameters
+    are set. Raises CalibrationError or OutputError if the file cannot be written, and SettingsError
+    if the copied parameters are invalid. After an error, an existing file is unchanged.
     """
     check_calibration_file(path)
     old = read_version(path) if path.exists() else None

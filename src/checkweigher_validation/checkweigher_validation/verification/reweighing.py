@@ -205,9 +205,11 @@ def _compared(again: Sequence[_Again], known: _Results, tolerance: float) -> Ite
         if result is None:
             without.append(f'item {item.estimate.item_id} of the samples: {_grams(mass)}')
             continue
-        # Each comparison is False if the recorded value is NaN, which is no conflict.
+        # The comparison is False if the recorded mass is NaN, which is no conflict.
         if abs(result.mass - mass) > tolerance:
             differ.append(f'{_grams(result.mass)}, weighed again {_grams(mass)}')
+        if math.isnan(result.zero):
+            continue
         off.append(abs(result.zero - item.zero))
         if off[-1] > _FURTHEST_ZERO * item.zero_std_dev:
             far.append(f'{_grams(result.zero)}, by the samples {_grams(item.zero)}')

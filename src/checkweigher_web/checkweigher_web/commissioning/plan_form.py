@@ -3,6 +3,7 @@
 """Form for a verification plan. A change in the form changes the text of the plan."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from functools import cache
 import json
 import math
@@ -121,8 +122,9 @@ def _with_recorded(
     plan['speeds_m_per_min'] = speeds = _distinct([MINUTE * each.speed for each in passes])
     heaviest = masses[-1] if len(masses) > 1 else 3 * masses[0]  # above a single mass
     plan['min_g'], plan['max_g'] = _round_down(masses[0]), -_round_down(-heaviest)
-    smallest = GRAMS * smallest_interval(plan['class'], plan['max_g'] / GRAMS)
-    plan['e_g'] = max(plan['e_g'], _number(f'{smallest:.6g}'))
+    with suppress(ValueError):  # The class allows no e, which the check of the plan reports.
+        smallest = GRAMS * smallest_interval(plan['class'], plan['max_g'] / GRAMS)
+        plan['e_g'] = max(plan['e_g'], _number(f'{smallest:.6g}'))
     for each in plan['outside']:
         each['speed_m_per_min'] = max(each['speed_m_per_min'], round(_OUTSIDE * speeds[-1]))
     del plan['prepackages_g'], plan['warm_up']

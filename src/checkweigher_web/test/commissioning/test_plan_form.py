@@ -222,3 +222,10 @@ def test_steps_are_named_in_the_words_of_the_person():
     assert names['warm_up_zero_5'] == 'warm-up, zero after 5 min'
     assert names['warm_up_5'] == 'warm-up, passes after 5 min'
     assert not any('_' in words for words in names.values())
+
+
+def test_a_new_plan_for_which_the_class_has_no_interval_says_so():
+    text = new_plan('Eve', CELL, [Recorded(1.0, 0.001, 60, 1.0)])
+    line, rows, _ = summary(text, LineFacts(CELL))
+    assert line.startswith('The plan is not complete: ')
+    assert rows == []
