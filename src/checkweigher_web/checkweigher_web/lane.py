@@ -5,8 +5,9 @@
 from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from itertools import islice
+from itertools import islice, pairwise
 import math
+from statistics import median
 import threading
 import time
 from typing import Any
@@ -245,17 +246,16 @@ class Lane:
             return estimates[-1] if estimates else None
 
     def throughput(self) -> float:
-        """Return the items per minute, by the times between the latest six.
+        """Return the items per minute, by the median time between the latest six.
 
         Returns NaN if fewer than two items are known, or if no item has come for some time.
         """
         with self._lock:
             latest = list(islice(reversed(self._latest[Verdict]), _RATED))
-        times = [each.t1 for each in latest if each.t1 is not None]
-        duration = max(times) - min(times) if times else 0
-        if duration <= 0:
+        times = sorted(each.t1 for each in latest if each.t1 is not None)
+        interval = median(b - a for a, b in pairwise(times)) if len(times) > 1 else 0
+        if interval <= 0:
             return math.nan
-        interval = duration / (len(times) - 1)
         since = NANOSECONDS * (time.monotonic() - self.judged)
         return _MINUTE / interval if since < _RATED * interval else math.nan
 

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 from checkweigher_core.block_cutting import join_recording
 from checkweigher_core.parameters import ParameterError
 from checkweigher_core.printable import one_line
-from checkweigher_core.recording import Recording
+from checkweigher_core.recording import BlockColumns, Recording
 from checkweigher_core.records import GRAMS, Decision, MassEstimate, Verdict, WeighWindow
 from checkweigher_core.records.reasons import Reason
 from checkweigher_dsp.denoising.denoiser import Denoiser
@@ -63,7 +63,7 @@ def conflicts(
     if several recordings were weighed separately, and is empty otherwise.
     """
     known = _Results(verdicts, estimates)
-    yield from _counted('verdicts have another mass than their estimate', known.contradictions)
+    yield from _counted('Verdicts with another mass than their estimate', known.contradictions)
     text = identity.get('parameters')
     if not isinstance(text, str):
         yield 'The samples were not weighed again: the bag has no parameters of the nodes.'
@@ -79,7 +79,8 @@ def conflicts(
     except ParameterError as error:
         yield f'The samples were not weighed again: {one_line(error)}.'
         return
-    yield from _compared(again, known, _TOLERANCE * interval)
+    begin = int(BlockColumns.of(recording.blocks).stamps[0])
+    yield from _compared(again, known, _TOLERANCE * interval, begin)
 
 
 def _cut(recording: Recording, begins: Sequence[int]) -> Iterator[Recording]:
@@ -192,10 +193,13 @@ def _with_zero(window: WeighWindow, known: _Result | None) -> WeighWindow:
     return replace(window, zero=window.zero_counts + known.zero * window.counts_per_kg)
 
 
-def _compared(again: Sequence[_Again], known: _Results, tolerance: float) -> Iterator[str]:
+def _compared(
+    again: Sequence[_Again], known: _Results, tolerance: float, begin: int
+) -> Iterator[str]:
     """Yield a sentence for each kind of conflict between recorded results and the samples.
 
-    The masses of an item may differ by at most `tolerance` in kg.
+    The masses of an item may differ by at most `tolerance` in kg. An item that entered before the
+    first sample at the time `begin` in ns need not be in the samples.
     """
     differ, far, without, off = [], [], [], []
     for item in again:
@@ -215,20 +219,22 @@ def _compared(again: Sequence[_Again], known: _Results, tolerance: float) -> Ite
             far.append(f'{_grams(result.zero)}, by the samples {_grams(item.zero)}')
     found = {item.known for item in again if not math.isnan(item.estimate.mass)}
     lacking = [
-        _grams(each.mass) for each in known.all if each not in found and not math.isnan(each.mass)
+        _grams(each.mass)
+        for each in known.all
+        if each.t1 >= begin and each not in found and not math.isnan(each.mass)
     ]
-    yield from _counted('masses are not those of the samples', differ)
-    yield from _counted('zeros are not those of the samples', far)
+    yield from _counted('Masses that are not those of the samples', differ)
+    yield from _counted('Zeros that are not those of the samples', far)
     if len(off) >= _FEWEST_ZEROS and median(off) > tolerance:
         yield f'The zeros differ from those of the samples by {_grams(median(off))} (median).'
-    yield from _counted('items of the samples have no verdict', without)
-    yield from _counted('masses have no item in the samples', lacking)
+    yield from _counted('Items of the samples without a verdict', without)
+    yield from _counted('Masses without an item in the samples', lacking)
 
 
 def _counted(what: str, items: Sequence[str]) -> Iterator[str]:
     if items:
         more = ', ...' if len(items) > _MOST else ''
-        yield f'{len(items)} {what}: {"; ".join(items[:_MOST])}{more}.'
+        yield f'{what} ({len(items)}): {"; ".join(items[:_MOST])}{more}.'
 
 
 def _grams(mass: float) -> str:

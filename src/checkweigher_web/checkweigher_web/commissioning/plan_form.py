@@ -17,6 +17,7 @@ from checkweigher_core.records import GRAMS, LoadCell
 from checkweigher_core.settings_files import plain
 from checkweigher_core.yaml_files import opened
 from checkweigher_validation.accuracy.classes import CLASSES, smallest_interval
+from checkweigher_validation.verification.evaluation import COVERAGE, ZERO_ACCURACY
 from checkweigher_validation.verification.plan import EXAMPLE, MINUTE
 from checkweigher_web.commissioning.coverage import SAME_SPEED, Recorded
 from checkweigher_web.languages.language import ENGLISH, Language, Text
@@ -80,6 +81,7 @@ def new_plan(
     load_cell: LoadCell | None,
     passes: Sequence[Recorded] = (),
     uncertainties: Mapping[float, float] = MappingProxyType({}),
+    zero_std_dev: float = 0.0,
 ) -> str:
     """Return the example plan with an operator, a load cell, and recorded masses and speeds.
 
@@ -87,7 +89,8 @@ def new_plan(
     type and serial number count as empty. `passes` are the passes that were recorded for training.
     Without recorded passes, the plan keeps the masses, speeds and tests of the example. Otherwise
     Min and Max are close to the lightest and the heaviest recorded mass, and the plan has no
-    warm-up, which only a type evaluation needs. `uncertainties` contains known standard
+    warm-up, which only a type evaluation needs, and e is so large that the zero can be decided with
+    its standard deviation `zero_std_dev` in kg. `uncertainties` contains known standard
     uncertainties in kg by the mass in kg.
     """
     text, example = EXAMPLE, _values_of_example()
@@ -101,11 +104,14 @@ def new_plan(
         before = example[path]
         if value:  # Replace the text of the value, because the comments of the plan must stay.
             text = text.replace(f': {before}\n', f': {json.dumps(value)}\n')
-    return _with_recorded(text, passes, uncertainties) if passes else text
+    return _with_recorded(text, passes, uncertainties, zero_std_dev) if passes else text
 
 
 def _with_recorded(
-    text: str, passes: Sequence[Recorded], uncertainties: Mapping[float, float]
+    text: str,
+    passes: Sequence[Recorded],
+    uncertainties: Mapping[float, float],
+    zero_std_dev: float,
 ) -> str:
     plan = _sections(text)
     in_grams = {round(GRAMS * mass, 3): value for mass, value in uncertainties.items()}
@@ -125,12 +131,22 @@ def _with_recorded(
     with suppress(ValueError):  # The class allows no e, which the check of the plan reports.
         smallest = GRAMS * smallest_interval(plan['class'], plan['max_g'] / GRAMS)
         plan['e_g'] = max(plan['e_g'], _number(f'{smallest:.6g}'))
+    # The first zero is compared with a reading that has about the same standard deviation.
+    uncertainty = COVERAGE * math.sqrt(2) * GRAMS * zero_std_dev
+    while uncertainty > ZERO_ACCURACY * plan['e_g']:
+        plan['e_g'] = _number(f'{_larger_interval(plan["e_g"]):.6g}')
     for each in plan['outside']:
         each['speed_m_per_min'] = max(each['speed_m_per_min'], round(_OUTSIDE * speeds[-1]))
     del plan['prepackages_g'], plan['warm_up']
     for key in TESTS & plan.keys():
         plan[key] = _fitted(plan[key], plan)
     return _dumped(plan)
+
+
+def _larger_interval(interval: float) -> float:
+    """Return the next larger one of the intervals 1, 2 and 5 times 10^k."""
+    power = 10.0 ** math.floor(math.log10(interval) + 1e-9)
+    return power * next(each for each in (2, 5, 10) if each > interval / power * (1 + 1e-9))
 
 
 def _distinct(speeds: Iterable[float]) -> list[int]:

@@ -58,7 +58,8 @@ _EXAMPLE = Text('example')
 _STATES = {
     ProgressState.ASKING: Text('Do this, then press "Make it": {text}'),
     ProgressState.DECIDING: Text(
-        'Failed. Go on, or make it again, after which the verdict is undecided at best? {text}'
+        'Failed. "Go on" keeps this result; after another attempt, the verdict is undecided at '
+        'best. {text}'
     ),
 }
 _ANSWERED = {
@@ -108,7 +109,8 @@ class VerifyStep(Step):
 
     def _new_plan(self) -> str:
         lane, known = self.lane, self.services.uncertainties
-        return new_plan(self.desk.person, lane.load_cell, self._known, known)
+        zero = lane.zero.std_dev if lane.zero else 0.0
+        return new_plan(self.desk.person, lane.load_cell, self._known, known, zero)
 
     def standing(self) -> Standing:
         """Return whether the last verification has passed, and a text with its verdict.

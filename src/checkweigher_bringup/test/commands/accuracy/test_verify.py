@@ -147,9 +147,9 @@ def test_masses_that_are_not_those_of_the_samples_are_told(plan: Path, tmp_path:
     ]
     both = ports.VERDICT, ports.MASS_ESTIMATE
     for name, by, patched, told in (
-        ('mass', 6e-5, both[:1], '12 verdicts have another mass than their estimate: item 1: '),
-        ('mass', 6e-5, both, '12 masses are not those of the samples: '),
-        ('zero', 1e-3, both[1:], '12 zeros are not those of the samples: '),
+        ('mass', 6e-5, both[:1], 'Verdicts with another mass than their estimate (12): item 1: '),
+        ('mass', 6e-5, both, 'Masses that are not those of the samples (12): '),
+        ('zero', 1e-3, both[1:], 'Zeros that are not those of the samples (12): '),
     ):
         forged = tmp_path / f'forged_{name}_{len(patched)}'
         with BagWriter(forged, ports.RECORDED) as writer:
