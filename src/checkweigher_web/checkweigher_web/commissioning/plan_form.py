@@ -62,6 +62,9 @@ _NUMBERS = 'factor', 'passes'
 # Keys whose values differ between verifications. The page names the keys that still have the value
 # of the example plan.
 _OWN = 'operator', 'place', 'environment', 'maker', 'type', 'certificate', 'serial'
+# Largest ratio of the uncertainty of the first zero to its limit in a new plan. It is below 1,
+# because the standard deviation of a single reading is itself uncertain.
+_SURE = 0.8
 _OUTSIDE = 1.25  # smallest ratio of a speed outside the range to the highest speed of the plan
 # Values of a recorded mass in a new plan. The page lists these fields until the user fills them in.
 _UNKNOWN = {'certificate': '?', 'serial': '?', 'uncertainty_g': 0}
@@ -133,7 +136,7 @@ def _with_recorded(
         plan['e_g'] = max(plan['e_g'], _number(f'{smallest:.6g}'))
     # The first zero is compared with a reading that has about the same standard deviation.
     uncertainty = COVERAGE * math.sqrt(2) * GRAMS * zero_std_dev
-    while uncertainty > ZERO_ACCURACY * plan['e_g']:
+    while uncertainty > _SURE * ZERO_ACCURACY * plan['e_g']:
         plan['e_g'] = _number(f'{_larger_interval(plan["e_g"]):.6g}')
     for each in plan['outside']:
         each['speed_m_per_min'] = max(each['speed_m_per_min'], round(_OUTSIDE * speeds[-1]))

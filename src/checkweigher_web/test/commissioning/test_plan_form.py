@@ -224,7 +224,7 @@ def test_steps_are_named_in_the_words_of_the_person():
     assert not any('_' in words for words in names.values())
 
 
-@pytest.mark.parametrize(('std_dev', 'e'), [(0.0, 0.1), (8e-6, 0.1), (12e-6, 0.2), (40e-6, 0.5)])
+@pytest.mark.parametrize(('std_dev', 'e'), [(0.0, 0.1), (7e-6, 0.1), (12e-6, 0.2), (30e-6, 0.5)])
 def test_a_new_plan_has_an_interval_with_which_the_zero_can_be_decided(std_dev: float, e: float):
     known = [Recorded(1.0, mass, 60, 1.0) for mass in (0.2, 0.5)]
     plan = read_plan(new_plan('Eve', CELL, known, {}, std_dev))
