@@ -1,6 +1,6 @@
 # Copyright 2026 Checkweigher maintainers
 # SPDX-License-Identifier: Apache-2.0
-"""Caches of figures and tables, each of which is computed once for all viewers."""
+"""Caches of figures and tables. The page computes each figure and table once for all viewers."""
 
 from collections.abc import Callable, Hashable
 import time

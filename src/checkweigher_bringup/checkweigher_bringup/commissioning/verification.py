@@ -35,14 +35,14 @@ from checkweigher_validation.verification.procedure import read_procedure
 from checkweigher_validation.verification.report import as_json, report_of
 
 
-class Outcome(NamedTuple):
+class Conclusion(NamedTuple):
     """Verdict of a verification, and a sentence for each departure from the rules."""
 
     verdict: str
     departures: tuple[str, ...]
 
 
-def verify(arguments: argparse.Namespace) -> Outcome:
+def verify(arguments: argparse.Namespace) -> Conclusion:
     """Run a procedure and write its report, or write the report again from the bag of a procedure.
 
     A clause after the verdict states if the verdict could not be written to the audit log, or if
@@ -56,7 +56,7 @@ def verify(arguments: argparse.Namespace) -> Outcome:
         with local_bag(arguments.procedure) as recorded:
             verdict, departures = write_report(recorded, folder)
             unlike = _unlike_log(arguments.audit, mcap_digest(recorded), verdict)
-            return Outcome(verdict + unlike, departures)
+            return Conclusion(verdict + unlike, departures)
     plan, text = plan_of(arguments.plan)
     namespace = check_namespace(arguments.namespace)
     parameters = line_parameters(arguments.params, None)
@@ -72,7 +72,7 @@ def verify(arguments: argparse.Namespace) -> Outcome:
     if not arguments.bags and arguments.audit is not None:
         with technician(namespace) as node:
             verdict += note_result(node, folder, plan, verdict)
-    return Outcome(verdict, departures)
+    return Conclusion(verdict, departures)
 
 
 def _procedure_at_terminal(
@@ -134,8 +134,10 @@ def _unlike_log(log: Path | None, bag: str, verdict: str) -> str:
     return '' if verdict in known else f', but it was {known[-1]} when it was made'
 
 
-def report_on(make: Callable[[Identity, Path], None], folder: Path, audit: Path | None) -> Outcome:
-    """Run a procedure, write its report into a new folder, and return the outcome.
+def report_on(
+    make: Callable[[Identity, Path], None], folder: Path, audit: Path | None
+) -> Conclusion:
+    """Run a procedure, write its report into a new folder, and return the conclusion.
 
     The function `make` runs the procedure. The arguments of `make` are the identity of the machine
     and the path of the bag to write. `audit` is the path of the audit log of the line, or None if
@@ -153,8 +155,8 @@ def report_on(make: Callable[[Identity, Path], None], folder: Path, audit: Path 
     return write_report(bag, folder)
 
 
-def write_report(bag: Path, folder: Path) -> Outcome:
-    """Write the report of a procedure into a folder as JSON and HTML, and return the outcome.
+def write_report(bag: Path, folder: Path) -> Conclusion:
+    """Write the report of a procedure into a folder as JSON and HTML, and return the conclusion.
 
     `bag` is the path of the bag of the procedure. The folder is created if it is missing.
 
@@ -167,7 +169,7 @@ def write_report(bag: Path, folder: Path) -> Outcome:
     make_output_folder(folder, exist_ok=True)
     write_whole(folder / 'report.json', as_json(report))
     write_whole(folder / 'report.html', render_verification(report))
-    return Outcome(report['verdict'], tuple(report['departures']))
+    return Conclusion(report['verdict'], tuple(report['departures']))
 
 
 def plan_of(path: Path) -> tuple[Plan, str]:

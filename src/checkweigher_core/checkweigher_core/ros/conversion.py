@@ -96,7 +96,7 @@ _FORMS: dict[type, _Form] = {
         amend=_with_text,
     ),
     # A long text is allowed, because the identity of a machine contains all changes in the audit
-    # log and all parameters, some of which are long lists after training.
+    # log and all parameters. Training makes some parameters long lists.
     records.VerificationStep: _Form(longest=1_000_000),
 }
 

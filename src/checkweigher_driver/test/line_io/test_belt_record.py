@@ -112,32 +112,24 @@ def test_a_first_start_that_is_refused_leaves_nothing(tmp_path, monkeypatch):
     assert found(path) == OnBelt()
 
 
-def test_a_record_is_written_again_after_the_disk_was_full(tmp_path, monkeypatch):
-    def full(*_):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+@pytest.mark.parametrize(
+    ('call', 'number', 'message'),
+    [('pwrite', errno.ENOSPC, 'No space left'), ('fsync', errno.EIO, 'Input/output error')],
+)
+def test_the_belt_may_not_run_before_its_start_is_on_the_disk(
+    tmp_path, monkeypatch, call, number, message
+):
+    def fail(*_):
+        raise OSError(number, os.strerror(number))
 
     record = BeltRecord(tmp_path / 'belt')
     with monkeypatch.context() as context:
-        context.setattr(os, 'pwrite', full)
+        context.setattr(os, call, fail)
         for _ in range(3):
-            with pytest.raises(OSError, match='No space left'):
+            with pytest.raises(OSError, match=message):
                 record.keep(RUNNING)
     record.keep(RUNNING)
     assert OnBelt.of_line((tmp_path / 'belt').read_bytes()) == RUNNING
-    record.close(OnBelt())
-
-
-def test_the_belt_may_not_run_before_its_start_is_on_the_disk(tmp_path, monkeypatch):
-    def broken(*_):
-        raise OSError(errno.EIO, os.strerror(errno.EIO))
-
-    record = BeltRecord(tmp_path / 'belt')
-    with monkeypatch.context() as context:
-        context.setattr(os, 'fsync', broken)
-        for _ in range(3):
-            with pytest.raises(OSError, match='Input/output error'):
-                record.keep(RUNNING)
-    record.keep(RUNNING)
     record.close(OnBelt())
 
 

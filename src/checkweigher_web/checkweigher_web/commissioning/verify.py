@@ -13,7 +13,7 @@ from nicegui import ui
 
 from checkweigher_core.input_files import read_input
 from checkweigher_core.parameters import ParameterError
-from checkweigher_core.records import ProgressState, StepAnswer, VerificationProgress
+from checkweigher_core.records import LoadCell, ProgressState, StepAnswer, VerificationProgress
 from checkweigher_core.ros import ports
 from checkweigher_validation.verification.plan import LONGEST, PLANS, VERIFICATIONS
 from checkweigher_web.commissioning.coverage import (
@@ -104,13 +104,17 @@ class VerifyStep(Step):
             self._table = Table((say('step'), say('what to do, or the result')))
         self._reports = ui.element('ol').classes('reports')
         named(self._reports, say('reports'))
-        self._new = self._new_plan()  # The facts about the line, and so this plan, may change.
+        self._given = self._plan_facts()  # facts from which the new plan was made
+        self._new = new_plan(*self._given)
         self._show_text(self.services.plans.get(self.desk.person) or self._new)
 
-    def _new_plan(self) -> str:
-        lane, known = self.lane, self.services.uncertainties
-        zero = lane.zero.std_dev if lane.zero else 0.0
-        return new_plan(self.desk.person, lane.load_cell, self._known, known, zero)
+    def _plan_facts(
+        self,
+    ) -> tuple[str, LoadCell | None, tuple[Recorded, ...], dict[float, float], float]:
+        """Return the arguments of `new_plan`, which may change while the page is open."""
+        zero = self.lane.zero.std_dev if self.lane.zero else 0.0
+        known = dict(self.services.uncertainties)
+        return self.desk.person, self.lane.load_cell, self._known, known, zero
 
     def standing(self) -> Standing:
         """Return whether the last verification has passed, and a text with its verdict.
@@ -243,11 +247,10 @@ class VerifyStep(Step):
         if now != (self._known, self._zero) and not self._state.is_deleted:
             self._known, self._zero = now
             self._show_summary()
-        new = self._new_plan()
-        if new != self._new:
-            before, self._new = self._new, new
-            if self._text == before:
-                self._show_text(new)
+        if (given := self._plan_facts()) != self._given:
+            before, self._given, self._new = self._new, given, new_plan(*given)
+            if self._text == before != self._new:
+                self._show_text(self._new)
 
     def _show_results(self, said: VerificationProgress) -> None:
         if said.steps:

@@ -76,10 +76,10 @@ def run(arguments: argparse.Namespace) -> int:
         if len(bags) > 1:
             return _reports_of(result_names(bags), arguments)
         (arguments.procedure,) = bags
-    outcome = verification.verify(arguments)
-    for departure in outcome.departures:
+    conclusion = verification.verify(arguments)
+    for departure in conclusion.departures:
         print(one_line(departure))
-    return _tell(outcome.verdict, arguments.output)
+    return _tell(conclusion.verdict, arguments.output)
 
 
 def _tell(verdict: str, folder: Path) -> int:
