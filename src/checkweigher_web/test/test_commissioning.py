@@ -129,7 +129,7 @@ def test_a_new_line_is_calibrated_tuned_and_runs_by_the_page_alone(tmp_path: Pat
         ben.fill('Mass of the product', f'{MASS:g}')
         ben.fill('Passes', '1000')
         ben.make('Record passes')
-        ben.until(lambda: re.match(r'(8|9|\d\d+) of 1000 passes', ben.text('.dynamic .state')))
+        ben.until(lambda: re.match(r'(8|9|\d\d+) of 1000 passes', ben.text('.foot .request')))
         ben.make('End')
         ben.said('of 1000 passes of 200 g recorded')
         ben.until(lambda: ' passes of 200 g at 60 m/min' in ben.text('.dynamic .lines'))

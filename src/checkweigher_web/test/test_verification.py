@@ -25,8 +25,8 @@ REASON = 'Reason'
 class Inspector(Technician):
     """Somebody who verifies a machine."""
 
-    def sees(self, *words: str, where: str = '.state') -> None:
-        self.until(lambda: all(word in self.text(f'.verify {where}') for word in words))
+    def sees(self, *words: str, where: str = '.foot .request') -> None:
+        self.until(lambda: all(word in self.text(where) for word in words))
 
     def makes(self, step: str) -> None:
         self.sees(f'{step}: Do this')
@@ -40,12 +40,12 @@ def take_plan(ben: Inspector, path: Path) -> None:
     wrong = path.with_name('wrong.yaml')
     wrong.write_text(SHORT_PLAN.replace('class: XIII', 'class: none'))
     upload.send_keys(str(wrong))
-    ben.sees("class: class 'none' is not one of", where='.found')
+    ben.sees("class: class 'none' is not one of", where='.verify .found')
     ben.make('Begin')
     ben.said('✗', 'the plan: line')
     path.write_text(SHORT_PLAN)
     upload.send_keys(str(path))
-    ben.sees('Steps: 9', where='.found')
+    ben.sees('Steps: 9', where='.verify .found')
 
 
 @needs_browser
@@ -78,7 +78,7 @@ def test_a_machine_is_verified_by_the_page_alone(tmp_path: Path):
         ben.make('Skip')
         ben.makes('zero, reading 1')  # reading 2 follows without a question
         ben.makes('middle at 60 m/min')
-        for answer in ('Make it', 'Go on'):
+        for answer in ('Make it again', 'Go on'):
             ben.makes('small at 60 m/min')
             ben.sees('small at 60 m/min: Failed', 'the mean error is beyond its limit')
             assert '2 of 2 passes: ' in ben.text('.verify .read')
@@ -87,7 +87,7 @@ def test_a_machine_is_verified_by_the_page_alone(tmp_path: Path):
         ben.makes('zero after the loads')
         ben.sees(': failed')
         ben.until(lambda: 'failed' in ben.text('.verify .reports'))
-        ben.until(lambda: 'Step passes_60_small has 2 attempts' in ben.text('.verify .read'))
+        ben.until(lambda: 'Step small at 60 m/min has 2 attempts' in ben.text('.verify .read'))
         assert 'passed, reading ' in ben.text('.verify .steps')
         assert 'skipped: no weights' in ben.text('.verify .steps')
         (folder,) = (line.folder / 'verifications').iterdir()

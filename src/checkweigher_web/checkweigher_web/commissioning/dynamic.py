@@ -20,7 +20,7 @@ from checkweigher_web.commissioning.coverage import (
     recorded,
 )
 from checkweigher_web.commissioning.step import Choice, Standing, Step
-from checkweigher_web.elements import Lines, Table, named, scrolled, show_told
+from checkweigher_web.elements import Lines, Table, named, scrolled
 from checkweigher_web.languages.language import Mass, Text
 from checkweigher_web.languages.wording import in_words
 from checkweigher_web.work.actions import products
@@ -35,6 +35,10 @@ _MANY = 100_000  # upper bound of the number of passes, exclusive
 _FOR_VERIFICATION = Text(
     'The plan of Verify begins with the masses and speeds that are recorded here. For a machine '
     'that will be verified, record a mass close to Min and one close to Max.'
+)
+_INDEX = Text(
+    'Each value is the overall index A of the errors on passes that were not used for training: '
+    '|mean error| + 3 standard deviations.'
 )
 _PHASES = {
     'reading': Text('reading the passes'),
@@ -64,10 +68,10 @@ class DynamicStep(Step):
         self._products: list[float] = []  # nominal gross masses of the products in kg
         self._table: list[str] = []  # lines of the accuracy table on the page
         self._taken = False
+        self._request = ''
         with ui.element('div').classes('fields'):
             self._mass = field(self.say('Mass of the product'), unit=self.say.unit)
             self._passes = field(self.say('Passes'), '60')
-        self._state = ui.label('').classes('state').props('role=status')
         self._bar = ui.linear_progress(0, show_value=False, size='1rem')
         named(self._bar.props('instant-feedback'), self.say('part that is done'))
         self._recorded = named(Lines().classes('lines'), self.say('recorded passes'))
@@ -106,18 +110,17 @@ class DynamicStep(Step):
         said = self.services.setting
         if said is None:
             return
-        share, text = self._progress(said)
-        show_told(self._state, text, self.say)
+        await self._show_coverage()
+        share, self._request = self._progress(said)
         self._bar.set_value(share)
         self._bar.set_visibility(not math.isnan(share))
-        await self._show_coverage()
         if said is self._said:
             return
         self._said = said
         if self._works(said):  # Nothing new can be accepted before the recording or training ends.
             return
         lines = await self._trained()
-        if lines != self._table and not self._state.is_deleted:
+        if lines != self._table and not self._bar.is_deleted:
             self._table = lines
             self._show_table()
 
@@ -130,7 +133,7 @@ class DynamicStep(Step):
         before, self._known = self._known, await recorded(self.services)
         if self._said is None or self._known != before:
             self._products = await self._masses_of_recipes()
-        if self._state.is_deleted:
+        if self._bar.is_deleted:
             return
         speeds = {round(MINUTE * each.speed) / MINUTE for each in self._known}
         plan = self.services.plans.get(self.desk.person, '')
@@ -204,7 +207,13 @@ class DynamicStep(Step):
         self._changes.set_visibility(bool(changes))
         self._accuracy.clear()
         with self._accuracy:
+            if rows:
+                ui.label(self.say(_INDEX))
             Table(heads).show(rows)
+
+    def request(self) -> str:
+        """Return the progress of the running action, or the expected duration of the training."""
+        return self._request
 
     def primary(self) -> Choice:
         """Return the button for the next action.

@@ -61,6 +61,7 @@ class CommissioningPath:
             with panel(say(PracticeView.title), 'practice'):
                 self._practice = PracticeView(look)
             with ui.element('div').classes('foot'):
+                self._request = ui.label('').classes('request').props('role=status')
                 self._result = ui.label('').classes('result').props('role=status')
                 self._reason = reason_field(desk)
                 with ui.element('div').classes('others'):
@@ -111,6 +112,7 @@ class CommissioningPath:
 
     def _show_buttons(self) -> None:
         step = self._steps[self._at]
+        show_told(self._request, step.request(), self._say)
         others = step.others()
         self._primary.show(step.primary())
         for k, button in enumerate(self._others):

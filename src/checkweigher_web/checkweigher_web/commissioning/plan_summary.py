@@ -19,7 +19,7 @@ from checkweigher_validation.verification.plan import MINUTE, read_plan
 from checkweigher_validation.verification.steps import Step, steps_of
 from checkweigher_web.commissioning.plan_form import not_given
 from checkweigher_web.languages.language import Mass, Text
-from checkweigher_web.languages.wording import from_node
+from checkweigher_web.languages.wording import from_node, in_words
 
 # Assumed distance in m from one product to the next if no passes were recorded.
 _SPACING = 1.0
@@ -72,7 +72,7 @@ def summary(text: str, known: LineFacts) -> tuple[Text, list[tuple[Text, str]], 
         source=Text('as recorded') if is_known else Text('assumed'),
     )
     departures = (
-        Text('This plan cannot pass: {why}', why=from_node(each))
+        Text('This plan cannot pass: {why}', why=departure_words(each))
         for each in plan_departures(plan, known.load_cell)
     )
     expected = expected_uncertainties(plan, known.std_dev, known.zero_std_dev)
@@ -117,6 +117,16 @@ def _listed(texts: Iterable[Text]) -> Text:
 
 def _three_digits(mass: float) -> Mass:
     return Mass(float(f'{mass:.3g}'))
+
+
+def departure_words(text: str) -> str:
+    """Return a line on a verification in words, with the step in plain text if it names one."""
+    found = in_words(text)
+    if isinstance(found, Text) and found.template.startswith('Step {name} '):
+        return Text(
+            found.template, **{**found.values, 'name': step_words(str(found.values['name']))}
+        )
+    return found
 
 
 def step_words(name: str) -> Text:

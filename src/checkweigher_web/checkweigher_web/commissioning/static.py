@@ -31,7 +31,6 @@ class StaticStep(Step):
             self._mass = field(say('Mass on the belt (empty: the belt is empty)'), unit=unit)
             self._uncertainty = field(say('Standard uncertainty of the mass'), '0', unit)
             self._largest = field(say('Largest deviation of a mass (empty for any)'), unit=unit)
-        self._progress = ui.label('').classes('state').props('role=status')
         heads = say('mass on the belt'), say('read, as calibrated before'), say('uncertainty')
         self._table = Table(heads)
 
@@ -49,23 +48,25 @@ class StaticStep(Step):
         return Standing(bool(done), done or Text('not done since the page was started'))
 
     async def update(self) -> None:
-        """Show the progress of a running reading, and all finished readings."""
-        said, say = self.services.feedback.get(ports.READ_LOAD), self.say
-        self._progress.set_text(
-            ''
-            if said is None or not said.wanted
-            else say(
-                'reading: {time} of {wanted}, {load}, drift {drift} of {tolerance}',
-                time=say.number(said.duration, 1),
-                wanted=f'{say.entry(said.wanted)} s',
-                load=say.mass(said.load, 2),
-                drift=say.mass(said.drift, 3, '+'),
-                tolerance=say.short(said.tolerance),
-            )
-        )
+        """Show all finished readings."""
+        say = self.say
         self._table.show(
             (say(each.load), say.mass(each.mass), say.mass(each.uncertainty))
             for each in self.services.readings
+        )
+
+    def request(self) -> str:
+        """Return the progress of a running reading."""
+        said, say = self.services.feedback.get(ports.READ_LOAD), self.say
+        if said is None or not said.wanted:
+            return ''
+        return Text(
+            'reading: {time} of {wanted}, {load}, drift {drift} of {tolerance}',
+            time=say.number(said.duration, 1),
+            wanted=f'{say.entry(said.wanted)} s',
+            load=say.mass(said.load, 2),
+            drift=say.mass(said.drift, 3, '+'),
+            tolerance=say.short(said.tolerance),
         )
 
     def primary(self) -> Choice:

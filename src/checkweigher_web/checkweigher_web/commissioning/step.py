@@ -67,6 +67,14 @@ class Step(ABC):
     def standing(self) -> Standing:
         """Return the state of the step."""
 
+    def request(self) -> str:
+        """Return what the user must do now, or the progress, to be shown beside the buttons.
+
+        Returns '' if there is nothing to show. The text is English, and can be translated if it is
+        a `Text`.
+        """
+        return ''
+
     @abstractmethod
     def primary(self) -> Choice:
         """Return the button for the next action of the step."""

@@ -34,14 +34,18 @@ from checkweigher_web.commissioning.plan_form import (
     with_value,
     without_mass,
 )
-from checkweigher_web.commissioning.plan_summary import LineFacts, step_words, summary
+from checkweigher_web.commissioning.plan_summary import (
+    LineFacts,
+    departure_words,
+    step_words,
+    summary,
+)
 from checkweigher_web.commissioning.step import Choice, Standing, Step
 from checkweigher_web.elements import (
     Lines,
     Table,
     named,
     scrolled,
-    show_told,
     text_file_input,
     told,
 )
@@ -61,11 +65,6 @@ _STATES = {
         'Failed. "Go on" keeps this result; after another attempt, the verdict is undecided at '
         'best. {text}'
     ),
-}
-_ANSWERED = {
-    StepAnswer.MAKE: Text('{step} begins'),
-    StepAnswer.SKIP: Text('{step} is skipped'),
-    StepAnswer.GO_ON: Text('the result of {step} is kept'),
 }
 _LONGEST_FILE = 4 * LONGEST  # maximum number of bytes that are read from a plan file
 
@@ -97,7 +96,6 @@ class VerifyStep(Step):
             with ui.expansion(say('The plan as text, for experts')).classes('expert'):
                 self._plan = ui.textarea(say('Text of the plan'), on_change=self._edit)
                 self._plan.props('outlined dense debounce=300').classes('plan')
-        self._state = ui.label('').classes('state').props('role=status')
         self._lines = Lines().classes('read lines')
         named(self._lines.props('tabindex=0'), say('what came in this step, the latest first'))
         with scrolled('steps', say('steps')):
@@ -125,8 +123,7 @@ class VerifyStep(Step):
         if said is None:
             return Standing(False, Text('not available: the line was started without a folder'))
         if said.state is not ProgressState.IDLE:
-            text = Text('step {step} of {count}', step=said.step + 1, count=len(said.steps))
-            return Standing(False, text)
+            return Standing(False, _progress(said))
         verdict = in_words(said.text) if said.text else Text('not verified')
         return Standing(said.text.endswith(': passed'), verdict)
 
@@ -231,9 +228,8 @@ class VerifyStep(Step):
             return
         self._said = said
         is_idle = said.state is ProgressState.IDLE
-        show_told(self._state, _state(said), self.say)
         lines = said.lines if is_idle else reversed(said.lines)  # the end shows the departures
-        self._lines.show(self.say(in_words(line)) for line in lines)
+        self._lines.show(self.say(departure_words(line)) for line in lines)
         if not (is_idle and before is None):
             self._show_results(said)
         if before is None or before.state is not said.state:
@@ -244,7 +240,7 @@ class VerifyStep(Step):
 
     async def _check_again(self) -> None:
         now = await recorded(self.services), self.lane.zero
-        if now != (self._known, self._zero) and not self._state.is_deleted:
+        if now != (self._known, self._zero) and not self._lines.is_deleted:
             self._known, self._zero = now
             self._show_summary()
         if (given := self._plan_facts()) != self._given:
@@ -274,14 +270,23 @@ class VerifyStep(Step):
         """
         return {**{path: path for path in self._paths}, str(_EXAMPLE): self.say(_EXAMPLE)}
 
+    def request(self) -> str:
+        """Return what the user must do for the present step, or the last verdict."""
+        return '' if self._said is None else _request(self._said)
+
     def primary(self) -> Choice:
-        """Return the button that begins a verification or, while one runs, the requested step."""
+        """Return the button that begins a verification or, while one runs, the requested step.
+
+        After a failure, the button requests the failed step again, whose instruction then comes.
+        """
         said = self.services.verification
         if said is None or said.state is ProgressState.IDLE:
             return Choice(Text('Begin'), self._begin, said is not None)
         what = Text('make step {step} of verification {name}')
         make = partial(self._answer, StepAnswer.MAKE, what)
-        return Choice(Text('Make it'), make, said.state in _STATES)
+        is_again = said.state is ProgressState.DECIDING
+        label = Text('Make it again') if is_again else Text('Make it')
+        return Choice(label, make, said.state in _STATES)
 
     def others(self) -> tuple[Choice, ...]:
         """Return the buttons that end the verification, skip a step, and go on after a failure."""
@@ -322,12 +327,18 @@ class VerifyStep(Step):
             await self.services.call(
                 ports.ANSWER_VERIFICATION, question=question, answer=int(answer), reason=reason
             )
-            return Text(_ANSWERED[answer].template, step=step_words(step))
+            return ''
 
         await self.perform(Text(what.template, step=step, name=seen.name), give)
 
 
-def _state(said: VerificationProgress) -> str:
+def _progress(said: VerificationProgress) -> Text:
+    if not said.steps:
+        return Text('begins')
+    return Text('step {step} of {count}', step=said.step + 1, count=len(said.steps))
+
+
+def _request(said: VerificationProgress) -> str:
     if said.state is ProgressState.IDLE or not said.steps:
         return in_words(said.text)
     name = said.steps[said.step]

@@ -4,8 +4,6 @@
 
 from functools import partial
 
-from nicegui import ui
-
 from checkweigher_web.commissioning.step import Choice, Standing, Step
 from checkweigher_web.languages.language import Mass, Text
 from checkweigher_web.work import actions
@@ -22,11 +20,10 @@ class ZeroStep(Step):
     )
 
     def _build(self) -> None:
-        self._state = ui.label('').classes('state').props('role=status')
+        pass
 
     async def update(self) -> None:
-        """Show the time and the value of the zero."""
-        self._state.set_text(self.say('Zero: {state}', state=self.standing().text))
+        """Do nothing, because `standing` contains the time and the value of the zero."""
 
     def standing(self) -> Standing:
         """Return whether the zero was set, and a text with its time and its value.

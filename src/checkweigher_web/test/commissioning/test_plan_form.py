@@ -123,8 +123,10 @@ def test_a_plan_says_why_it_cannot_pass():
     short = with_test(with_value(OWN, ('passes',), '10'), 'warm_up', made=False)
     lines = summary(with_value(short, ('max_g',), '700'), LineFacts())[2]
     assert not any('warm-up' in line for line in lines)
-    assert lines[0].startswith('This plan cannot pass: Step passes_30_small has 10 weighings')
-    assert 'This plan cannot pass: Step passes_30_small has 10 weighings, 60 are required.' in lines
+    assert lines[0].startswith('This plan cannot pass: Step small at 30 m/min has 10 weighings')
+    assert (
+        'This plan cannot pass: Step small at 30 m/min has 10 weighings, 60 are required.' in lines
+    )
     assert 'This plan cannot pass: No load in motion is close to Max, 700 g.' in lines
     german = language('de', 'kg')
     assert 'Keine Last in Bewegung ist nahe bei Max, 0,7 kg.' in '; '.join(map(german, lines))
