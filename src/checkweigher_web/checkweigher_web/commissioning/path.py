@@ -93,7 +93,10 @@ class CommissioningPath:
             return
         if not outcome.done:
             outcome = Outcome(False, in_words(outcome.text))
-        show_outcome(self._result, outcome, self._say)
+        if outcome.text:
+            show_outcome(self._result, outcome, self._say)
+        else:  # The step itself shows what comes next.
+            self._clear()
 
     async def _update(self) -> None:
         load, change = self._lane.load()

@@ -186,10 +186,8 @@ def show_outcome(label: ui.label, outcome: Outcome, say: Language) -> None:
     The label begins with a tick if the action was done, otherwise with a cross.
     """
     show_told(label, from_node(outcome.text), say)
-    if outcome.done:
-        label.set_text(f'✓ {label.text}'.rstrip())
-    else:
-        label.set_text(say('✗ not done: {text}', text=label.text))
+    text = label.text
+    label.set_text(f'✓ {text}' if outcome.done else say('✗ not done: {text}', text=text))
     label.classes(replace=f'result level-{"OK" if outcome.done else "ERROR"}')
 
 
