@@ -136,7 +136,8 @@ class ZeroWatch:
             warn_if(
                 now - self._moved[1] < MINUTE,
                 f'the zero has changed by {GRAMS * self._moved[0]:+.1f} g at once',
-                'look whether something lies on the belt or was taken off it',
+                'look whether something lies on the belt or was taken off it; if not, the load '
+                'cell has shifted: set the zero',
             ),
             warn_if(
                 share > _NEAR_LIMIT,

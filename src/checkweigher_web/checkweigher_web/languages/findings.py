@@ -187,7 +187,10 @@ HINTS = (
     Text('look for the product; then reset the stop'),
     # Zero and belt
     Text('clean the belt, free the platform, then set the zero or calibrate'),
-    Text('look whether something lies on the belt or was taken off it'),
+    Text(
+        'look whether something lies on the belt or was taken off it; if not, the load cell has '
+        'shifted: set the zero'
+    ),
     Text('clean the belt; calibrate if it is clean'),
     Text('check whether dirt builds up on the belt'),
     Text('let the load cell warm up'),
