@@ -53,6 +53,7 @@ _MAX_OVER = 20  # maximum number of ended alarms
 _MAX_EDGES = 400
 SHOWN = 20.0  # duration in s of the samples that a lane holds for the views
 _MINUTE = 60 * NANOSECONDS
+_RECENT = 50  # number of the latest masses that give the usual standard deviation
 _RATED = 6  # number of the latest items whose times give the throughput
 _MOMENT = NANOSECONDS // 2  # time in ns over which the load is averaged
 _PARTS = 6  # number of parts of the latest second whose mean loads are compared
@@ -130,6 +131,7 @@ class Lane:
         self.alarms: tuple[Alarm, ...] = ()
         self.over: tuple[Alarm, ...] = ()  # ended alarms, which have left `alarms`
         self.load_cell: LoadCell | None = None
+        self._begin: int | None = None  # stamp in ns of the first samples of the stream
         self.zero: ZeroChange | None = None
         self.series = MassSeries()
         self._lock = threading.Lock()
@@ -185,6 +187,7 @@ class Lane:
         if blocks and block.stamp < blocks[-1].stamp:
             self._begin_stream()
         blocks.append(block)
+        self._begin = block.stamp if self._begin is None else self._begin
         while blocks[0].stamp < block.stamp - self.held * NANOSECONDS:
             blocks.popleft()
 
@@ -196,6 +199,7 @@ class Lane:
         """
         for records in (self._blocks, self._latest[EyeEdge], self._latest[Reference]):
             records.clear()
+        self._begin = None
 
     def forget_signals(self) -> None:
         """Drop samples and windows, because without a viewer the page receives no newer ones."""
@@ -258,6 +262,19 @@ class Lane:
             return math.nan
         since = NANOSECONDS * (time.monotonic() - self.judged)
         return _MINUTE / interval if since < _RATED * interval else math.nan
+
+    def usual_std_dev(self) -> float:
+        """Return the median in kg of the known standard deviations of the latest masses, or 0.
+
+        Only masses since the start of the line count, because a line that was trained states other
+        standard deviations after its next start.
+        """
+        with self._lock:
+            latest = list(islice(reversed(self._latest[MassEstimate]), _RECENT))
+            begin = math.inf if self._begin is None else self._begin
+        known = [each.std_dev for each in latest if (each.t1 or 0) >= begin]
+        known = [each for each in known if math.isfinite(each)]
+        return median(known) if known else 0.0
 
     def _of(self, *kinds: type) -> list[tuple[Any, ...]]:
         with self._lock:

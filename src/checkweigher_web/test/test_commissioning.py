@@ -109,7 +109,8 @@ def test_a_new_line_is_calibrated_tuned_and_runs_by_the_page_alone(tmp_path: Pat
         ben.set_machine('Mass of each product', f'{MASS:g}', f'mass {MASS / 1000}')
         ben.until_done('Set the zero', 'zeroed at')
         ben.until(lambda: '✓' in ben.standing('1 Zero'))
-        ben.commission('2 Static')
+        ben.make('Next: Static')
+        ben.until(lambda: ben.text('.stage.static'))
         ben.make('Read the load')
         ben.said('✓ empty belt: ')
         ben.set_machine('Mass that lies on the belt', f'{MASS:g}', f'load {MASS / 1000}')
@@ -175,6 +176,8 @@ def test_a_new_line_is_calibrated_tuned_and_runs_by_the_page_alone(tmp_path: Pat
         ben.said('✓', 'crisps_150g')
         ben.until(lambda: ben.text('.stage.limits .fields'))
         assert '✓' in ben.standing('4 Limits')
+        primary = browser.find_element(By.CSS_SELECTOR, '.foot > button')
+        assert (primary.text, primary.is_enabled()) == ('Set the limits', False)  # nothing typed
         assert line.noted('ben')[-1] == 'select product crisps_150g: done'
         browser.get(f'http://127.0.0.1:{line.port}/')
         ben.until(lambda: 'OVER' in ben.text('.decision'))

@@ -56,6 +56,13 @@ def test_the_items_per_minute_are_those_of_the_latest_items(lane: Lane):
     assert empty.last_estimate() is None
 
 
+def test_the_usual_standard_deviation_is_of_masses_since_the_line_was_started(lane: Lane):
+    std_devs = [item.estimate.std_dev for item in lane.items()]
+    assert lane.usual_std_dev() == np.median(std_devs) > 0
+    lane.take(lane.load_cell)  # the driver was started again
+    assert lane.usual_std_dev() == 0
+
+
 def test_a_fault_without_a_window_shows_the_samples_around_it(lane: Lane, recording: Recording):
     first = [edge.stamp for edge in recording.edges[:4]]
     fault = Verdict(9, first[2] + 1, Decision.FAULT, ('MissingEdge',), t1=first[0])

@@ -67,7 +67,7 @@ class Operator:
 
     def start(self, number: int) -> None:
         """Publish that a step is being made."""
-        self._change(state=ProgressState.MAKING, step=number, text='', lines=())
+        self._change(state=ProgressState.MAKING, step=number, text='in progress', lines=())
 
     def goes_on(self, number: int, found: str, *, passed: bool) -> bool:
         """Publish the result of a step. If the step failed, ask whether it must be repeated.

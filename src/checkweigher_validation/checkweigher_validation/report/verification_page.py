@@ -3,6 +3,7 @@
 """Report of a verification as one HTML page for screen and print."""
 
 from collections.abc import Mapping, Sequence
+from itertools import groupby
 from typing import Any
 
 from matplotlib import rc_context
@@ -29,7 +30,11 @@ def render_verification(report: Values) -> str:
     drawn = [step for step in report['steps'] if step['test'] in _DRAWN and step['count']]
     figure = _errors_figure(drawn) if drawn else None
     title = f'Verification of {", ".join(map(str, report["machine"].values()))}'
-    return fill('verification.html.j2', title, report=report, tests=tests, figure=figure)
+    between = groupby(report['faults_between'], lambda each: (each['after'], each['reasons']))
+    faults = [list(same) for _, same in between]  # successive faults of one kind have one row
+    return fill(
+        'verification.html.j2', title, report=report, tests=tests, figure=figure, faults=faults
+    )
 
 
 def _errors_figure(steps: Sequence[Values]) -> Figure:

@@ -131,6 +131,10 @@ def test_faults_between_the_steps_are_listed(report: dict[str, Any]):
     page = render_verification(report)
     assert 'not known' in page
     assert 'StartUp MissingEdge' in page
+    later = {**known, 'time': '2026-05-28T20:26:42.000Z'}
+    page = render_verification({**report, 'faults_between': [unknown, known, later]})
+    assert page.count('StartUp MissingEdge') == 1  # one row, with the first and the last time
+    assert '20:26:40.000</td><td class="text">20:26:42.000</td><td>2</td>' in page
 
 
 def test_a_page_of_nothing_can_be_made():

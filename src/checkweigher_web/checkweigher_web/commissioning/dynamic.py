@@ -31,6 +31,7 @@ from checkweigher_web.work.services import ActionRefusedError
 # durations were measured on two free cores with `checkweigher tune`, on 20 to 360 passes at one to
 # three speeds.
 _TRAINING, _TRAINING_OF_PASS = 5.0, 0.045
+_MASSES = 2  # number of masses that a verification needs at least, close to Min and to Max
 _MANY = 100_000  # upper bound of the number of passes, exclusive
 _FOR_VERIFICATION = Text(
     'The plan of Verify begins with the masses and speeds that are recorded here. For a machine '
@@ -64,7 +65,7 @@ class DynamicStep(Step):
     def _build(self) -> None:
         self._said: DynamicSetting | None = None
         self._known: tuple[Recorded, ...] = ()  # recorded passes
-        self._lacking: list[Text] = []  # lines on the loads that the passes do not cover
+        self._lacking: list[Text] = []  # lines on the passes that are not recorded yet
         self._products: list[float] = []  # nominal gross masses of the products in kg
         self._table: list[str] = []  # lines of the accuracy table on the page
         self._taken = False
@@ -141,9 +142,10 @@ class DynamicStep(Step):
         self._lacking = lines_of(not_covered(self._known, loads))
         self._recorded.show(self.say(_words(each)) for each in self._known)
         self._recorded.set_visibility(bool(self._known))
-        hints = [] if plan else [_FOR_VERIFICATION]
-        self._doubts.show(map(self.say, [*hints, *self._lacking]))
-        self._doubts.set_visibility(bool(hints or self._lacking))
+        if not plan and len({each.mass for each in self._known}) < _MASSES:
+            self._lacking.insert(0, _FOR_VERIFICATION)
+        self._doubts.show(map(self.say, self._lacking))
+        self._doubts.set_visibility(bool(self._lacking))
 
     async def _masses_of_recipes(self) -> list[float]:
         try:
@@ -181,7 +183,7 @@ class DynamicStep(Step):
 
     def _duration(self) -> str:
         passes = sum(each.passes for each in self._known)
-        if not passes:
+        if not passes or self._table or self.standing().is_done:
             return ''
         time = _time(10 * math.ceil((_TRAINING + passes * _TRAINING_OF_PASS) / 10))
         return Text(

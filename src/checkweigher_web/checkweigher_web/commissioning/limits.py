@@ -81,10 +81,14 @@ class LimitsStep(Step):
             self._products.set_options([*known])
 
     def primary(self) -> Choice:
-        """Return the button that sets both limits, or selects the product if one is needed."""
+        """Return the button that sets both limits, or selects the product if one is needed.
+
+        The limits can be set if the user has typed others than those in use.
+        """
         if self._lacks_product:
             return Choice(Text('Select'), self._select, bool(self._products.value))
-        return Choice(Text('Set the limits'), self._set)
+        is_new = [self._lower.value, self._upper.value] != self._texts
+        return Choice(Text('Set the limits'), self._set, is_new)
 
     async def _select(self) -> None:
         name = str(self._products.value)

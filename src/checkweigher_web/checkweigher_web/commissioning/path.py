@@ -14,7 +14,7 @@ from checkweigher_validation.verification.plan import MINUTE
 from checkweigher_web.commissioning.registry import STEPS
 from checkweigher_web.commissioning.step import Choice, Standing, Step
 from checkweigher_web.elements import STYLE, named, panel, show_told
-from checkweigher_web.languages.language import Language
+from checkweigher_web.languages.language import Language, Text
 from checkweigher_web.languages.wording import in_words
 from checkweigher_web.technician.practice import PracticeView
 from checkweigher_web.views.view import Look
@@ -67,6 +67,8 @@ class CommissioningPath:
                 with ui.element('div').classes('others'):
                     most = max(len(step.others()) for step in self._steps)
                     self._others = [self._button('outline') for _ in range(most)]
+                    self._next = ui.button(on_click=lambda: self._go(self._at + 1))
+                    self._next.props('flat no-caps')
                 self._primary = self._button('unelevated')
         self._go(0)
         ui.timer(_PERIOD, self._update)
@@ -118,6 +120,11 @@ class CommissioningPath:
         show_told(self._request, step.request(), self._say)
         others = step.others()
         self._primary.show(step.primary())
+        is_last = self._at + 1 == len(STEPS)
+        self._next.set_visibility(not is_last and step.standing().is_done)
+        if not is_last:
+            text = Text('Next: {step}', step=STEPS[self._at + 1].title)
+            self._next.set_text(self._say(text))
         for k, button in enumerate(self._others):
             button.show(others[k] if k < len(others) else None)
 

@@ -79,6 +79,14 @@ def summary(text: str, known: LineFacts) -> tuple[Text, list[tuple[Text, str]], 
     return line, rows, [*_to_fill_in(text), *departures, *_doubts(expected)]
 
 
+def to_do_of(text: str) -> dict[str, str]:
+    """Return what to do in each step of a plan, by the name of the step, or {} for a wrong plan."""
+    try:
+        return {step.name: _to_do(step) for step in steps_of(read_plan(text))}
+    except ParameterError:
+        return {}
+
+
 def _to_fill_in(text: str) -> Iterator[Text]:
     if fields := not_given(text):
         yield Text('Not filled in yet, or as in the example plan: {fields}', fields=_listed(fields))

@@ -5,9 +5,7 @@
 from collections.abc import Iterator
 from functools import partial
 import json
-import math
 from pathlib import Path
-from statistics import median
 
 from nicegui import ui
 
@@ -39,6 +37,7 @@ from checkweigher_web.commissioning.plan_summary import (
     departure_words,
     step_words,
     summary,
+    to_do_of,
 )
 from checkweigher_web.commissioning.step import Choice, Standing, Step
 from checkweigher_web.elements import (
@@ -55,8 +54,6 @@ from checkweigher_web.work.dialogs import field
 from checkweigher_web.work.reports import VERIFICATION, list_reports
 from checkweigher_web.work.services import Outcome
 
-# Number of latest items from which the standard deviation of the mass in one pass is predicted.
-_RECENT = 50
 _MANY = 10  # maximum number of verifications in the list
 _EXAMPLE = Text('example')
 _STATES = {
@@ -207,16 +204,11 @@ class VerifyStep(Step):
         self._table.show([self.say(step), told(to_do, self.say)] for step, to_do in rows)
 
     def _facts(self) -> LineFacts:
-        """Return the facts about the line from which the result of the plan is predicted.
-
-        `std_dev` is the median of the known standard deviations of the latest `_RECENT` masses.
-        """
+        """Return the facts about the line from which the result of the plan is predicted."""
         lane = self.lane
-        estimates = (item.estimate for item in lane.items()[:_RECENT])
-        known = [each.std_dev for each in estimates if each and math.isfinite(each.std_dev)]
         zero = self._zero.std_dev if self._zero else 0.0
         spacing = usual_spacing(self._known)
-        return LineFacts(lane.load_cell, median(known) if known else 0.0, zero, spacing)
+        return LineFacts(lane.load_cell, lane.usual_std_dev(), zero, spacing)
 
     # Procedure
 
@@ -249,10 +241,11 @@ class VerifyStep(Step):
                 self._show_text(self._new)
 
     def _show_results(self, said: VerificationProgress) -> None:
-        if said.steps:
-            names = (self.say(step_words(each)) for each in said.steps)
-            results = (told(from_node(each), self.say) for each in said.results)
-            self._table.show(zip(names, results, strict=True))
+        to_do = to_do_of(self._text)
+        self._table.show(
+            (self.say(step_words(step)), told(from_node(result) or to_do.get(step, ''), self.say))
+            for step, result in zip(said.steps, said.results, strict=True)
+        )
 
     def _show_choices(self, folder: Path) -> None:
         made = sorted((folder / VERIFICATIONS).glob('*/plan.yaml'), reverse=True)[:_MANY]

@@ -111,6 +111,7 @@ _MESSAGES = (
     Text('Parameters and audit log were not read again after the last step.'),
     Text('The samples have another calibration than the audit log of the machine.'),
     Text('skipped: {reason}'),
+    Text('in progress'),
     Text('{name}: passed'),
     Text('{name}: failed'),
     Text('{name}: incomplete'),

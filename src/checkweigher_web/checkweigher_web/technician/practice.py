@@ -195,7 +195,10 @@ class PracticeView(View):
         self._tell(outcome)
 
     def _tell(self, outcome: Outcome) -> None:
-        show_outcome(self._result, outcome, self.say)
+        if outcome.done:
+            self._result.set_text('')
+        else:
+            show_outcome(self._result, outcome, self.say)
 
 
 class _EyeControls:

@@ -185,12 +185,12 @@ async def operation(services: LaneServices) -> OperationParameters:
 
 
 async def operate(services: LaneServices, wanted: Mapping[str, object]) -> str:
-    """Change settings of a simulated machine, and return a text for the user.
+    """Change settings of a simulated machine, and return '', because the user needs no text.
 
     `wanted` contains the new values by the names of `OperationParameters`.
     """
     await _set(services, 'driver', {OPERATION + name: each for name, each in wanted.items()})
-    return Text('the machine does so within two seconds')
+    return ''
 
 
 async def line_parameters(services: LaneServices) -> LineParameters:
