@@ -9,6 +9,7 @@ was not running is detected at the next start.
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from checkweigher_core.changes import FOUND, PARAMETER, RECIPE, REFUSED, ZERO, plain
@@ -189,15 +190,21 @@ class AuditTrail:
             known = self._parameters.get(node, {})
             self.note(FOUND, node, {n: known[n] for n in new if n in known}, new)
 
-    def parameters(self, node: str, values: Mapping[str, object], by: Author | None = None) -> None:
+    def parameters(
+        self,
+        node: str,
+        values: Mapping[str, object],
+        by: Author | None = None,
+        in_use: Mapping[str, object] = MappingProxyType({}),
+    ) -> None:
         """Write one entry for each parameter of a running node that is about to be set.
 
-        Equal values are written as well, because the value in use may differ from the last one in
-        the log, for example after the selection of a product. Raises `AuditError` if an entry
-        cannot be written.
+        `in_use` contains the old values that differ from the parameters, for example the limits of
+        a product. Raises `AuditError` if an entry cannot be written.
         """
+        known = {**self._parameters.get(node, {}), **in_use}
         for name, value in values.items():
-            old = self._parameters.get(node, {}).get(name)
+            old = known.get(name)
             self.note(PARAMETER, f'{node}.{name}', old, value, by)
 
     def _changed(self, node: str, values: Mapping[str, object]) -> dict[str, object]:

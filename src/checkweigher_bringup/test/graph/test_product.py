@@ -15,6 +15,7 @@ import pytest
 from rcl_interfaces.msg import SetParametersResult
 
 from checkweigher_bringup.spinning import Spinner, node_command, write_parameter_file
+from checkweigher_core.health.findings import Level
 from checkweigher_core.ros import ports
 
 
@@ -122,10 +123,14 @@ def test_a_limit_that_is_set_holds_until_another_product_is_selected(line: Line)
     # The parameter has this value still, while the limit is that of the product.
     assert line.set_limit('lower_limit', 0.17).successful
     assert line.judge(0.18).decision == 1
-    changes = [(entry.subject, entry.new) for entry in line.entries('parameter')]
-    assert changes == 2 * [('/lane1/reject.lower_limit', 0.17)]
-    text = line.product._selection.finding().text
-    assert 'limits on the line, 170 g and none, are not those of the recipe, 190 g and' in text
+    changes = [(entry.subject, entry.old, entry.new) for entry in line.entries('parameter')]
+    assert changes == 2 * [('/lane1/reject.lower_limit', 0.19, 0.17)]
+    finding = line.product._selection.finding()
+    text = 'limits on the line, 170 g and none, are not those of the recipe, 190 g and'
+    assert (finding.level, text in finding.text) == (Level.WARN, True)
+    assert line.set_limit('lower_limit', -math.inf).successful
+    line.judge(0.18)
+    assert line.product._selection.finding().level == Level.ERROR  # nothing is rejected any more
 
 
 def test_a_bad_recipe_file_changes_nothing(line: Line):

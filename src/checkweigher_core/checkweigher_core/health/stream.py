@@ -25,9 +25,14 @@ _SILENT_BLOCKS = 5.0  # longest time without samples before an error, in duratio
 _RATE_TOLERANCE = 0.005  # largest relative error of the nominal sample rate without a warning
 _LONGEST_BLOCKED = 10.0  # longest time in s for which a product normally blocks an eye
 _ONE_EYED = 10  # smallest number of edges of one eye in a minute for a comparison of both eyes
-_PAIRS = (Eye.INFEED, Eye.OUTFEED), (Eye.OUTFEED, Eye.INFEED)
+_OTHER = {Eye.INFEED: Eye.OUTFEED, Eye.OUTFEED: Eye.INFEED}
 # Ratio of the numbers of edges of the two eyes above which an eye may be dirty.
 _MANY_MORE = 1.5
+# Number of edges of an eye between two edges of the other eye above which they are a burst.
+_BURST = 3
+# Number of bursts in a minute from which an eye may be dirty. An eye that works causes a single
+# burst while the other one is dead.
+_BURSTS = 3
 _GAPS, _LOST, _AGAIN = 'gaps', 'samples_lost', 'blocks_doubled_or_late'
 _RESTARTS, _SATURATED = 'source_restarts', 'samples_saturated'
 # Names of the counts, each with the noun that follows its number in messages.
@@ -162,6 +167,11 @@ class EyeWatch:
         self._last = now
         self._counts[eye] += 1
         self._recent[eye].add(now, 1.0)
+        other = _OTHER[eye]
+        if self._since[other] > _BURST:
+            self._bursts[other].add(now, 1.0)
+        self._since[other] = 0
+        self._since[eye] += 1
         if edge.blocked:
             self._blocked.setdefault(eye, now)
         else:
@@ -173,11 +183,14 @@ class EyeWatch:
         The total numbers of edges are kept.
         """
         self._recent = {eye: RecentValues() for eye in Eye}
+        self._bursts = {eye: RecentValues() for eye in Eye}
+        # Number of edges of each eye since the last edge of the other eye.
+        self._since = dict.fromkeys(Eye, 0)
         self._blocked: dict[Eye, float] = {}
 
     def look(self, now: float) -> None:
         """Remove edges that are more than 60 s old at time `now` in s."""
-        for values in self._recent.values():
+        for values in (*self._recent.values(), *self._bursts.values()):
             values.forget(now)
 
     def finding(self, now: float) -> Finding:
@@ -206,17 +219,19 @@ class EyeWatch:
                 f'only the {other.name.lower()} eye has switched in the last minute',
                 f'check the {eye.name.lower()} eye, its wiring and its alignment',
             )
-            for eye, other in _PAIRS
+            for eye, other in _OTHER.items()
         ]
         concerns += [
             warn_if(
-                lately[other] >= _ONE_EYED and lately[eye] > _MANY_MORE * lately[other],
+                lately[other] >= _ONE_EYED
+                and lately[eye] > _MANY_MORE * lately[other]
+                and len(self._bursts[eye]) >= _BURSTS,
                 f'the {eye.name.lower()} eye has switched {lately[eye]} times in the last minute, '
                 f'but the {other.name.lower()} eye {lately[other]} times',
                 f'clean the {eye.name.lower()} eye and check its alignment: a dirty eye switches '
                 'several times at a product',
             )
-            for eye, other in _PAIRS
+            for eye, other in _OTHER.items()
         ]
         if any(lately.values()):
             well = 'both switch' if all(lately.values()) else 'few products in the last minute'

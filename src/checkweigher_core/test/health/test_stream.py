@@ -203,3 +203,14 @@ def test_an_eye_that_switches_more_often_than_the_other_is_found():
         'the outfeed eye has switched 32 times in the last minute, but the infeed eye 20 times',
     )
     assert finding.hint.startswith('clean the outfeed eye')
+
+
+def test_an_eye_that_works_is_not_blamed_while_the_other_one_is_dead_or_soon_after():
+    eyes = EyeWatch()
+    for second in range(20):
+        for eye in (Eye.INFEED, Eye.OUTFEED):
+            if eye is Eye.INFEED and 5 <= second < 12:
+                continue
+            for blocked in (True, False):
+                eyes.add(second + 0.1, EyeEdge(0, eye, blocked))
+    assert eyes.finding(20.0).level == Level.OK

@@ -119,6 +119,7 @@ class ZeroWatch:
         self._drift.forget(now)
         distance, drift = self._distance, self.drift
         share = abs(distance) / self._range if self._range > 0 else math.nan
+        step = self._moved[0] if now - self._moved[1] < MINUTE else 0.0
         values = {
             'from_calibration_g': GRAMS * distance,
             'std_dev_g': GRAMS * self._zero.std_dev / abs(self._counts_per_kg),
@@ -134,10 +135,16 @@ class ZeroWatch:
                 'clean the belt, free the platform, then set the zero or calibrate',
             ),
             warn_if(
-                now - self._moved[1] < MINUTE,
-                f'the zero has changed by {GRAMS * self._moved[0]:+.1f} g at once',
-                'look whether something lies on the belt or was taken off it; if not, the load '
-                'cell has shifted: set the zero',
+                step > 0,
+                f'the zero has risen by {GRAMS * step:.1f} g at once',
+                'look whether something lies on the belt; if not, the load cell has shifted: set '
+                'the zero',
+            ),
+            warn_if(
+                step < 0,
+                f'the zero has fallen by {-GRAMS * step:.1f} g at once',
+                'look whether something was taken off; if not, the load cell has shifted: set the '
+                'zero',
             ),
             warn_if(
                 share > _NEAR_LIMIT,

@@ -40,8 +40,8 @@ def test_the_zero_is_judged_by_its_share_of_the_range(mass, trusted, level):
 @pytest.mark.parametrize(
     ('masses', 'std_devs', 'text'),
     [
-        ((0.0, 0.003), (5, 5), 'the zero has changed by +3.0 g at once'),
-        ((0.003, 0.0), (5, 5), 'the zero has changed by -3.0 g at once'),
+        ((0.0, 0.003), (5, 5), 'the zero has risen by 3.0 g at once'),
+        ((0.003, 0.0), (5, 5), 'the zero has fallen by 3.0 g at once'),
         ((0.0, 0.0005), (5, 5), ''),  # as much as it drifts in this time
         ((0.0, 0.003), (2500, 5), ''),  # 5 g: the first zero after a start
     ],

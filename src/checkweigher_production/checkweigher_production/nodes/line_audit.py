@@ -37,7 +37,8 @@ class LineAudit:
 
     If `log` is None, nothing is written. `node` is the full name of this node, `clock` returns the
     time of an entry (ISO 8601, UTC), and `line` is the client for the parameters of all nodes.
-    `has_record` returns whether a batch has a record, and `warn` logs a warning.
+    `has_record` returns whether a batch has a record, and `warn` logs a warning. `limits` returns
+    the limits that the reject node uses, which may be those of a product.
     """
 
     def __init__(
@@ -48,8 +49,10 @@ class LineAudit:
         line: LineParametersClient,
         has_record: Callable[[str], bool],
         warn: Callable[[str], object],
+        limits: Callable[[], Values],
     ) -> None:
         self._log = log
+        self._limits = limits
         self._namespace = node.rpartition('/')[0]
         self._line = line
         self._has_record = has_record
@@ -99,7 +102,8 @@ class LineAudit:
             if node not in ports.NODES:
                 raise AuditError(f'{node}: is not a node of the line')
             self._announced[node] = time.monotonic()
-            self.trail.parameters(f'{self._namespace}/{node}', values, by)
+            in_use = self._limits() if node == 'reject' else {}
+            self.trail.parameters(f'{self._namespace}/{node}', values, by, in_use)
 
     def author_of(self, service: str, node: str = 'product') -> Author:
         """Return the person announced as the caller of a service, otherwise the node `node`."""

@@ -5,10 +5,11 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
+import math
 from pathlib import Path
 
 from checkweigher_core import changes
-from checkweigher_core.health.findings import Finding, conclude, error_if, warn_if
+from checkweigher_core.health.findings import Concern, Finding, conclude, error_if, warn_if
 from checkweigher_core.parameters import SettingsError
 from checkweigher_core.records import BatchResult, ProductOnLine, Statistics
 from checkweigher_core.ros.line_parameters import RefusedError
@@ -232,16 +233,23 @@ class LineSelection:
                 record = str(self.batches.record_of(state.batch))
                 yield BatchResult(0, state.batch, record, state.sha256)
 
-    def _other_limits(self) -> str:
-        """Return a message if the limits in use differ from the limits of the recipe, or ''."""
+    def _other_limits(self) -> Concern | None:
+        """Return a concern if the limits in use differ from those of the recipe, otherwise None.
+
+        The concern is an error if the line lacks a limit of the recipe, because the line then
+        accepts items that the recipe rejects, however far they are beyond the limit.
+        """
         product, in_use = self.batches.production.product, self.recipe.in_use
         if product is None or in_use is None or in_use.product != product.name:
-            return ''
-        own = product.on_line(in_use.batch)
-        if limits_of(own) == limits_of(in_use):
-            return ''
-        return (
-            f'the limits on the line, {_grams(in_use)}, are not those of the recipe, {_grams(own)}'
+            return None
+        recipe = product.on_line(in_use.batch)
+        own, used = limits_of(recipe), limits_of(in_use)
+        is_lost = any(math.isfinite(own[name]) and math.isinf(used[name]) for name in own)
+        return (error_if if is_lost else warn_if)(
+            own != used,
+            f'the limits on the line, {_grams(in_use)}, are not those of the recipe, '
+            f'{_grams(recipe)}',
+            'select the product again, or change its recipe',
         )
 
     def finding(self) -> Finding:
@@ -249,7 +257,6 @@ class LineSelection:
         production = self.batches.production
         product = production.product
         unresolved = product.unresolved(production.std_dev) if product else ''
-        other = self._other_limits()
         values: dict[str, float | str] = {
             'product': product.name if product else 'none',
             'batch': production.batch,
@@ -267,7 +274,7 @@ class LineSelection:
                 'no product is selected, so nothing is accepted',
                 'select one on the page, or by the service select_product',
             ),
-            warn_if(bool(other), other, 'select the product again, or change its recipe'),
+            self._other_limits(),
             warn_if(
                 bool(unresolved), unresolved, 'train this product, or run the belt at a lower speed'
             ),

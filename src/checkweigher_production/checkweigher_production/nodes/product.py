@@ -20,9 +20,15 @@ from checkweigher_core.parameters import ParameterError, Parameters, SettingsErr
 from checkweigher_core.records import LoadCell, MassEstimate, Statistics, StopRequest, Verdict, utc
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.conversion import to_message
-from checkweigher_core.ros.line_parameters import LineNodes, LineParametersClient, RefusedError
+from checkweigher_core.ros.line_parameters import (
+    LineNodes,
+    LineParametersClient,
+    RefusedError,
+    Values,
+)
 from checkweigher_core.ros.running import run
 from checkweigher_core.ros.stage_node import StageNode
+from checkweigher_dsp.rejection.parameters import limits_of
 from checkweigher_production.alarms import AlarmList
 from checkweigher_production.audit_chain import name_predecessor
 from checkweigher_production.audit_log import AuditError, AuditLog
@@ -81,7 +87,9 @@ class ProductNode(StageNode[ProductParameters]):
             raise ParameterError(str(error)) from None
         self._started_nodes = LineNodes(self)
         line = LineParametersClient(self, _PATIENCE)
-        self._audit = LineAudit(log, name, self._time, line, self._batches.has_record, self.warn)
+        self._audit = LineAudit(
+            log, name, self._time, line, self._batches.has_record, self.warn, self._limits
+        )
         self._trail = self._audit.trail
         self._batches.open(self._audit.write_state)
         self._files.callback(self._close_records)
@@ -110,6 +118,10 @@ class ProductNode(StageNode[ProductParameters]):
             self.create_timer(_NOTE_PERIOD, self._batches.note)
         if known.audit_log:
             self._audit_others()
+
+    def _limits(self) -> Values:
+        """Return the limits that the reject node uses, or {} before it has confirmed them."""
+        return {} if self._recipe.in_use is None else limits_of(self._recipe.in_use)
 
     def _opened_log(self) -> AuditLog | None:
         """Open the audit log and return it, or return None if no log is wanted.

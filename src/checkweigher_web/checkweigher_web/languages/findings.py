@@ -70,7 +70,8 @@ TEXTS = (
     Text('the machine inputs are unknown'),
     # Zero and belt
     Text('the empty belt reads another zero than the one in use, or one outside zero_range'),
-    Text('the zero has changed by {mass} at once'),
+    Text('the zero has risen by {mass} at once'),
+    Text('the zero has fallen by {mass} at once'),
     Text('{mass} before item {count}'),
     Text('the zero has used {percent} % of zero_range'),
     Text('the zero drifts by {mass}/h and leaves zero_range in an hour'),
@@ -188,9 +189,9 @@ HINTS = (
     # Zero and belt
     Text('clean the belt, free the platform, then set the zero or calibrate'),
     Text(
-        'look whether something lies on the belt or was taken off it; if not, the load cell has '
-        'shifted: set the zero'
+        'look whether something lies on the belt; if not, the load cell has shifted: set the zero'
     ),
+    Text('look whether something was taken off; if not, the load cell has shifted: set the zero'),
     Text('clean the belt; calibrate if it is clean'),
     Text('check whether dirt builds up on the belt'),
     Text('let the load cell warm up'),

@@ -164,13 +164,10 @@ def test_the_hint_of_an_unknown_text_is_translated():
 
 def test_masses_in_a_message_are_in_the_unit_of_the_viewer():
     german = language('de', 'kg')
-    changed = 'the zero has changed by -1.3 g at once'
-    hint = (
-        'look whether something lies on the belt or was taken off it; if not, the load cell has '
-        'shifted: set the zero'
-    )
+    changed = 'the zero has fallen by 1.3 g at once'
+    hint = 'look whether something was taken off; if not, the load cell has shifted: set the zero'
     zero = from_node(f'{changed}; {hint}')
-    assert german(zero).startswith('die Null hat sich auf einmal um -0,0013 kg geändert; nach')
+    assert german(zero).startswith('die Null ist auf einmal um 0,0013 kg gefallen; nach')
     load = ReferenceMass('small', 74.5, 0.01, 'c', 's')
     step = from_node(Step('static_up_small', StepKind.STATIC, load).to_do)
     assert german(step).endswith('legen Sie small (0,0745 kg) auf seine Mitte')
