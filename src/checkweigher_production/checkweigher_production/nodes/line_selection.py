@@ -245,12 +245,14 @@ class LineSelection:
         recipe = product.on_line(in_use.batch)
         own, used = limits_of(recipe), limits_of(in_use)
         is_lost = any(math.isfinite(own[name]) and math.isinf(used[name]) for name in own)
-        return (error_if if is_lost else warn_if)(
-            own != used,
+        text = (
             f'the limits on the line, {_grams(in_use)}, are not those of the recipe, '
-            f'{_grams(recipe)}',
-            'select the product again, or change its recipe',
+            f'{_grams(recipe)}'
         )
+        hint = 'select the product again, or change its recipe'
+        if is_lost:
+            return error_if(True, text, hint)
+        return warn_if(own != used, text, hint)
 
     def finding(self) -> Finding:
         """Return the diagnostics finding "Recipe", with the product, the batch and the file."""

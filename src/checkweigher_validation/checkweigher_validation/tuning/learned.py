@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 r"""Tuning of the learned estimator, whose weights follow from a covariance C of the signal.
 
-.. math:: C = R'R + a N + \sigma^2 (b I + c E + d K_r + e K_j + f K_b) + n (u u' + z^2 1 1').
+.. math:: C = R'R + a N + \sigma^2 (b I + c E + d K_r + e K_j + f K_b) + n (u u' + v v' + z^2 1 1').
 
 R contains the residuals of the n passes of a speed from their mean curve, and :math:`\sigma^2` is
 the mean of the variances of R. The other terms of C dominate if there are few passes. Each of the
@@ -13,13 +13,16 @@ same positions on the belt, divided by the mean of the variances of R at that sp
 K_b are models of the covariances of three disturbances. K_r describes damped swings that begin
 during the entry or at t2. K_j describes jitter of the edges, which moves or stretches the curve.
 K_b describes an uneven rise, as a Brownian bridge from t1 to t2. The vector u is the change of the
-curve for a heavier product, whose oscillation is slower. The vector u is 0 if the masses differ
-enough, because R then contains the change of the curve. z is twice the stated standard deviation of
-the zero. The error of the zero is nearly equal in successive passes, and thus not visible in R.
+curve for a heavier product, whose oscillation is slower, and v the change if its load rises later.
+The vectors u and v are 0 if the masses differ enough, because R then contains the change of the
+curve. z is twice the stated standard deviation of the zero. The error of the zero is nearly equal
+in successive passes, and thus not visible in R.
 
-The weights are averaged over a grid and random points of the coefficients. Each point is weighted
-by its likelihood, which is computed from the held-out errors of the passes: the weights for a pass
-are learned from the other passes. [own derivation]
+The weights are averaged over a grid and random points of the coefficients. The likelihood of a
+point is computed from the held-out errors of the passes: the weights for a pass are learned from
+the other passes. A point is weighted by the square root of its likelihood, because few errors
+determine the likelihood only roughly, and by the square root of its geometric mean likelihood at
+the other speeds. [own derivation]
 """
 
 from collections.abc import Mapping, Sequence
@@ -54,6 +57,7 @@ _ALONE = 0.02
 _LESS = 0.95  # ratio of the gap required in production to that of the training passes
 _FEWEST = 3  # smallest number of passes from which weights are learned
 _SLOWER = 0.01  # assumed relative difference of the natural frequency between products
+_LATER = 0.5  # assumed difference of the time of the rise between products, in features
 _ZERO = 2.0  # ratio of z to the standard deviation of the zero that the segmenter states
 _LEAST_VARIANCE = 1e-18  # smallest variance in kg^2, to avoid a division by 0.
 # Grid of the coefficients a, b and c. The coefficients d, e and f are 0, for machines without
@@ -62,8 +66,10 @@ _GRID = tuple(
     product((0.0, 1.0, 10.0, 100.0), (0.01, 0.1, 1.0, 10.0), (0.0, 0.1, 1.0), *[(0.0,)] * 3)
 )
 # Ranges of the coefficients a to f for the random points, and the number of these points.
-_RANGES = ((2.0, 100.0), (3e-3, 10.0), (3e-3, 1.0), (3e-3, 3.0), (3e-3, 10.0), (1e-2, 10.0))
+_RANGES = ((0.5, 300.0), (1e-3, 10.0), (3e-3, 3.0), (3e-3, 10.0), (3e-3, 10.0), (1e-2, 10.0))
 _RANDOM = 64
+# Powers of the likelihood at the speed, and of the geometric mean likelihood at the other speeds.
+_OWN, _ELSEWHERE = 0.5, 0.5
 _SEED = 1
 # Damped swings: frequencies in Hz, decay times in s, and beginnings as multiples of t2 - t1.
 _SWINGS = np.geomspace(8.0, 60.0, 12)
@@ -138,8 +144,9 @@ def covariances(known: Evidence, prior: Prior) -> NDArray[np.float64]:
     variance = max(float(np.trace(scatter)) / parts / count, _LEAST_VARIANCE)
     slope = np.gradient(curve)
     if not are_distinct(known.masses):
-        change = _SLOWER * float(known.masses.mean()) * prior.time * slope
-        scatter = scatter + count * np.outer(change, change)
+        for change in (_SLOWER * prior.time * slope, _LATER * slope):
+            change = float(known.masses.mean()) * change
+            scatter = scatter + count * np.outer(change, change)
     jitter = (_scaled(np.outer(each, each)) for each in (slope, prior.time * slope))
     shapes = (np.eye(parts), prior.elsewhere, prior.swings, sum(jitter) / 2, prior.rise)
     terms = np.stack([prior.noise, *(variance * each for each in shapes)])
@@ -163,11 +170,32 @@ class CrossValidatedFit:
     held_out: NDArray[np.float64]
 
 
-def fit(known: Evidence, prior: Prior) -> CrossValidatedFit:
-    """Fit weights for each point of the coefficients, and return the weighted mean of these fits.
+@dataclass(frozen=True, slots=True)
+class PointFits:
+    """Weights and held-out estimates for each point of the coefficients."""
 
-    The weight of a point is its likelihood, which is computed from the errors of held-out passes
-    after a calibration of gain and offset.
+    weights: NDArray[np.float64]  # weights of the features, (points, k)
+    held_out: NDArray[np.float64]  # load of each pass in kg, (points, n)
+    log_likelihoods: NDArray[np.float64]  # logarithm of the likelihood of each point, (points,)
+
+    def averaged(self, elsewhere: Sequence['PointFits'] = ()) -> CrossValidatedFit:
+        """Return the weighted mean of the fits, with more weight for more likely points.
+
+        `elsewhere` contains the fits at the other speeds, with the same points.
+        """
+        logs = _OWN * self.log_likelihoods
+        if elsewhere:
+            logs = logs + _ELSEWHERE * np.mean([each.log_likelihoods for each in elsewhere], axis=0)
+        shares = np.exp(logs - logs.max())
+        shares /= shares.sum()
+        return CrossValidatedFit(shares @ self.weights, shares @ self.held_out)
+
+
+def point_fits(known: Evidence, prior: Prior) -> PointFits:
+    """Fit weights for each point of the coefficients.
+
+    The likelihood of a point is computed from the errors of held-out passes after a calibration of
+    gain and offset.
     """
     masses, curve, residuals = known.masses, known.curve, known.residuals
     # Factor by which the residual of each pass increases if the curve is fitted to the other passes
@@ -177,10 +205,8 @@ def fit(known: Evidence, prior: Prior) -> CrossValidatedFit:
     weights, errors = (np.array(each) for each in zip(*pairs, strict=True))
     found = masses + errors
     left = [calibrate(row, masses).apply(row) - masses for row in found]
-    deviations = np.sqrt(np.mean(np.square(left), axis=1) + _LEAST_VARIANCE)
-    likelihoods = (deviations.min() / deviations) ** len(masses)
-    shares = likelihoods / likelihoods.sum()
-    return CrossValidatedFit(shares @ weights, shares @ found)
+    variances = np.mean(np.square(left), axis=1) + _LEAST_VARIANCE
+    return PointFits(weights, found, -len(masses) / 2 * np.log(variances))
 
 
 class TunedLearned(Tunable):
@@ -238,12 +264,24 @@ class TunedLearned(Tunable):
 
         The second fit is None if the signal before t2 is used in fewer than three passes.
         """
+        groups = [self.group, *self.others]
+        tunables = [TunedLearned(self.name, each, self.base, groups) for each in self.others]
+        (alone, led), elsewhere = self._point_fits, [each._point_fits for each in tunables]
+        return (
+            alone.averaged([each for each, _ in elsewhere]),
+            led.averaged([each for _, each in elsewhere if each]) if led else None,
+        )
+
+    @cached_property
+    def _point_fits(self) -> tuple[PointFits, PointFits | None]:
+        """Fits to the features after t2, and fits to all features, as in `_fits`."""
         layout = self.known.layout
         prior = self._prior(layout)
-        alone = fit(_evidence(self.group, Layout(0, 0, layout.window)), prior.last(layout.window))
-        if np.count_nonzero(self._led) < _FEWEST:
-            return alone, None
-        return alone, fit(_evidence(self.group, layout).select(self._led), prior)
+        alone = _evidence(self.group, Layout(0, 0, layout.window))
+        led = None
+        if np.count_nonzero(self._led) >= _FEWEST:
+            led = point_fits(_evidence(self.group, layout).select(self._led), prior)
+        return point_fits(alone, prior.last(layout.window)), led
 
     def _prior(self, layout: Layout) -> Prior:
         from scipy.linalg import toeplitz  # imported late, because the import is slow

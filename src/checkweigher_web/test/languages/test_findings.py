@@ -36,7 +36,6 @@ MADE_ELSEWHERE = {
     'port',
     'product.unresolved(production.std_dev)',
     'reason.hint',
-    'self._other_limits()',
     'self.broken',
     'self.doubt',
     'self.found',
