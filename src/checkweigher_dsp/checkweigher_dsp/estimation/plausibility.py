@@ -38,6 +38,7 @@ from numpy.typing import NDArray
 from checkweigher_core.records import WeighWindow
 from checkweigher_dsp.denoising.window_batch import time_since_entry
 from checkweigher_dsp.signal import Array
+from checkweigher_dsp.signal.autoregression import pooled_autocovariance
 
 # The filter is a seventh difference, equalised above a quarter of the sample rate. At 1/20 of the
 # sample rate, where a platform may ring, the filter multiplies the amplitude of an oscillation by
@@ -81,12 +82,13 @@ def is_plausible(window: WeighWindow) -> bool:
     known = empty if len(empty) >= _FEWEST else loaded
     if not len(known):
         return True
-    typical = float(np.sort(np.abs(known))[len(known) // 4] / _QUARTILE) ** 2
+    quarter = len(known) // 4
+    typical = float(np.partition(np.abs(known), quarter)[quarter] / _QUARTILE) ** 2
     if not typical:
         return True  # The noise is too small to be measured.
     load = abs(float(window.counts[begin:end].mean()) - window.zero) / step
     explained = _impact(load, window.belt_speed, begin - entry, end - entry, len(loaded))
-    if np.any(np.abs(loaded) > np.hypot(_STEP * math.sqrt(max(typical, _ROUNDING)), explained)):
+    if np.any(loaded * loaded > _STEP**2 * max(typical, _ROUNDING) + explained * explained):
         return False
     if typical < 2 * _ROUNDING or known is loaded:
         return True
@@ -122,7 +124,8 @@ def _is_calmer(level: Array, empty: Array) -> bool:
     if not len(level):
         return False
     power = float(empty @ empty)
-    alike = sum((float(empty[:-lag] @ empty[lag:]) / power) ** 2 for lag in range(1, _LAGS))
+    covariance = pooled_autocovariance([empty], _LAGS)
+    alike = float(np.sum((covariance[1:] / covariance[0]) ** 2))
     first, second = (2 * (1 + 2 * alike) / (9 * len(each)) for each in (level, empty))
     root = math.cbrt(float(level @ level) / len(level) / power * len(empty))
     deviate = ((1 - second) * root - (1 - first)) / math.sqrt(first + second * root * root)
@@ -137,7 +140,7 @@ def _stands_still(level: NDArray[np.int64], predicted: float) -> bool:
     """
     for width in _BLOCKS:
         blocks = level[: len(level) // width * width].reshape(-1, width)
-        found = np.count_nonzero(np.ptp(blocks, axis=1) == 0)
+        found = np.count_nonzero((blocks == blocks[:, :1]).all(axis=1))
         expected = len(blocks) * predicted ** (width - 1)
         surplus = found - expected
         if surplus > 0 and found * math.log(found / expected) - surplus > -math.log(_CHANCE):

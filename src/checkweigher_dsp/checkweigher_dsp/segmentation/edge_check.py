@@ -12,7 +12,7 @@ import math
 from statistics import median
 
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
-from checkweigher_dsp.signal.rise_lag import RiseLag
+from checkweigher_dsp.signal.rise_lag import Bend, RiseLag
 
 # A value is significant if it differs from 0 by more than this number of standard deviations.
 _SURE = 4.0
@@ -65,6 +65,7 @@ class EdgeCheck:
         self.learned = math.nan  # learned lag, or NaN until a lag is learned
         self._kind: tuple[float, float] | None = None  # belt speed in m/s and length in m
         self._first: list[RiseLag] = []
+        self._bend = Bend(0.0, 0.0)  # usual bend of the first items
         self._recent: deque[float] = deque(maxlen=_RECENT)
 
     @property
@@ -114,11 +115,11 @@ class EdgeCheck:
         self._recent.append(lag)
         if self._is_mismatch(lag, _SURE * std_dev, length / speed):
             lag = _without(lag - self.reference, self._own_bend(seen)) + self.reference
-            std_dev = math.hypot(std_dev, seen.bend_std_dev)
+            std_dev = math.hypot(std_dev, seen.bend.std_dev)
             if math.isnan(lag) or self._is_mismatch(lag, _SURE * seen.std_dev, length / speed):
                 return None
         self._learn(seen, speed)
-        bend, bend_std_dev = self._bend()
+        bend, bend_std_dev = self._bend
         sure = math.hypot(std_dev, bend_std_dev)
         likely = _ALIKE if self._sure_shift(_without(lag, bend), sure) else _LIKELY
         if abs(self._usual - lag) <= likely * std_dev:  # False for NaN
@@ -131,6 +132,7 @@ class EdgeCheck:
     def _learn(self, seen: RiseLag, speed: float) -> None:
         if len(self._first) < _MOST:
             self._first.append(seen)
+            self._bend = self._find_bend()
             if len(self._first) >= _FEWEST:
                 self.learned = median(each.lag for each in self._first) - self._stated(speed)
 
@@ -144,25 +146,27 @@ class EdgeCheck:
         last = list(self._recent)[-_LAST:]
         return median(last) if len(last) == _LAST else math.nan
 
-    def _bend(self) -> tuple[float, float]:
-        """Return the part of the lag due to an uneven rise, and its standard deviation, in s.
+    def _find_bend(self) -> Bend:
+        """Return the median bend of the first items.
 
-        The part and its standard deviation are 0 if the stated lag was measured, or if the part is
+        The bend and its standard deviation are 0 if the stated lag was measured, or if the bend is
         not significant.
         """
         if self.is_stated:
-            return 0.0, 0.0
-        bend = median(each.bend for each in self._first)
-        std_dev = median(each.bend_std_dev for each in self._first) / math.sqrt(len(self._first))
-        return (bend, std_dev) if abs(bend) > _SURE * std_dev else (0.0, 0.0)
+            return Bend(0.0, 0.0)
+        bend = median(each.bend.lag for each in self._first)
+        std_dev = median(each.bend.std_dev for each in self._first) / math.sqrt(len(self._first))
+        return Bend(bend, std_dev) if abs(bend) > _SURE * std_dev else Bend(0.0, 0.0)
 
     def _own_bend(self, seen: RiseLag) -> float:
         """Return the bend of an item minus the median bend of the first items, in s.
 
         The result is 0 if the difference is not significant, or before the first item.
         """
-        own = seen.bend - median(each.bend for each in self._first) if self._first else 0.0
-        return own if abs(own) > _SURE * seen.bend_std_dev else 0.0
+        if not self._first:
+            return 0.0
+        own = seen.bend.lag - median(each.bend.lag for each in self._first)
+        return own if abs(own) > _SURE * seen.bend.std_dev else 0.0
 
     def _begin_kind(self, speed: float, length: float) -> None:
         """Discard the learned lag if the belt speed or the length has changed."""

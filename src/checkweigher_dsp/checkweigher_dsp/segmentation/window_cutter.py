@@ -99,6 +99,8 @@ class WindowCutter:
         first sample of the stream. A fault does not wait for its own samples, because its window
         contains no samples.
         """
+        if not self._waiting:  # as after most blocks and edges
+            return []
         found = self._failures.each(
             partial(self._cut, wait=wait),
             lambda item: self._fault(item, Reason.STAGE_FAILED),

@@ -22,8 +22,11 @@ z + M s(t - l) - y(t) zero. So for small k, the bend is the integral of 30 u (1 
 residual, divided by M.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -46,23 +49,35 @@ _SYSTEMATIC = 1e-4
 _SYSTEMATIC_BEND = 8e-4
 
 
-@dataclass(frozen=True, slots=True)
+class Bend(NamedTuple):
+    """Part of the lag that is caused by an uneven rise, and its standard deviation, in s."""
+
+    lag: float = math.nan
+    std_dev: float = math.nan
+
+
+@dataclass(frozen=True)
 class RiseLag:
     """Lag of the load behind the edges of the photo-eyes, and its standard deviation, in s.
 
-    The lag is positive if the load rises later than the edges indicate. `bend` is the part of the
-    lag that is caused by an uneven rise of the load. All values are NaN if the lag is unknown.
+    The lag is positive if the load rises later than the edges indicate. All values are NaN if the
+    lag is unknown. `find_bend` computes the bend. This takes a quarter of the time of the lag, and
+    few items need it.
     """
 
     lag: float = math.nan
     std_dev: float = math.nan
-    bend: float = math.nan
-    bend_std_dev: float = math.nan
+    find_bend: Callable[[], Bend] = Bend
 
     @property
     def is_known(self) -> bool:
         """Whether the lag is known."""
         return not math.isnan(self.lag)
+
+    @cached_property
+    def bend(self) -> Bend:
+        """Part of the lag that is caused by an uneven rise of the load."""
+        return self.find_bend()
 
 
 def rise_lag(force: Array, time: Array, rise_time: float, transit: float) -> RiseLag:
@@ -114,17 +129,21 @@ def rise_lag(force: Array, time: Array, rise_time: float, transit: float) -> Ris
     stop = int(time.searchsorted(transit + min(lag, 0.0)))
     if min(begin, stop - end) < _FEWEST:
         begin, end = (int(time.searchsorted(at)) for at in (lag, rise_time + lag))
-    share = _limited((time - lag) / rise_time)
-    bend = 30 * (time[1] - time[0]) * share * (1 - share)
-    bent = zero * np.add.reduce(bend) + level * (bend @ share) - bend
     empty, ringing = _noise(force[:begin]), _noise(force[end:stop])
-    std_devs = []
-    for weights, systematic in ((late, _SYSTEMATIC), (bent, _SYSTEMATIC_BEND)):
+
+    def std_dev(weights: Array, systematic: float) -> float:
         used = np.flatnonzero(weights)
         weights = weights[used[0] : used[-1] + 1]
         noise = math.hypot(_rms(empty, weights), _LEVEL_SHARE * _rms(ringing, weights))
-        std_devs.append(math.hypot(noise / mass, systematic))
-    return RiseLag(lag, std_devs[0], float(bent @ force) / mass, std_devs[1])
+        return math.hypot(noise / mass, systematic)
+
+    def find_bend() -> Bend:
+        share = _limited((time - lag) / rise_time)
+        bend = 30 * (time[1] - time[0]) * share * (1 - share)
+        bent = zero * np.add.reduce(bend) + level * (bend @ share) - bend
+        return Bend(float(bent @ force) / mass, std_dev(bent, _SYSTEMATIC_BEND))
+
+    return RiseLag(lag, std_dev(late, _SYSTEMATIC), find_bend)
 
 
 def lag_of(window: WeighWindow) -> RiseLag:

@@ -8,7 +8,7 @@ from checkweigher_core.health.findings import Level
 from checkweigher_dsp.health.segmenter import edges_finding
 from checkweigher_dsp.segmentation.edge_check import EdgeCheck
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
-from checkweigher_dsp.signal.rise_lag import RiseLag
+from checkweigher_dsp.signal.rise_lag import Bend, RiseLag
 
 STATED = SegmenterParameters().rise_lag
 
@@ -17,7 +17,7 @@ def check_of(*lags: float | None, **parameters: bool) -> EdgeCheck:
     """Return the check of items that lag by so much more than is stated, s; None is not seen."""
     check = EdgeCheck(SegmenterParameters(**parameters))
     for lag in lags:
-        seen = RiseLag() if lag is None else RiseLag(STATED + lag, 1e-4, 0.0, 1e-3)
+        seen = RiseLag() if lag is None else RiseLag(STATED + lag, 1e-4, lambda: Bend(0.0, 1e-3))
         check.check(seen, 1.0, 0.1)
     return check
 

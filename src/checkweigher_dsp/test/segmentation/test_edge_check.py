@@ -8,7 +8,7 @@ import pytest
 
 from checkweigher_dsp.segmentation.edge_check import EdgeCheck
 from checkweigher_dsp.segmentation.parameters import SegmenterParameters
-from checkweigher_dsp.signal.rise_lag import RiseLag
+from checkweigher_dsp.signal.rise_lag import Bend, RiseLag
 
 MS = 1e-3
 SPEED, LENGTH = 1.0, 0.1  # a rise of 100 ms
@@ -17,7 +17,7 @@ STATED = SegmenterParameters().rise_lag
 
 def rise(lag: float, std_dev: float = 0.1, bend: float = 0.0) -> RiseLag:
     """Return a rise that lags by so much more than is stated, ms."""
-    return RiseLag(STATED + MS * lag, MS * std_dev, MS * bend, MS * 0.5)
+    return RiseLag(STATED + MS * lag, MS * std_dev, lambda: Bend(MS * bend, MS * 0.5))
 
 
 def shifts(

@@ -112,14 +112,13 @@ def rise_misfit(window: WeighWindow, mass: float) -> float:
     because it is noise. The result is 0 if no power remains, or if the rise has fewer than three
     samples.
     """
-    time = time_since_entry(window)
-    entry = max(int(np.searchsorted(time, 0.0)), window.empty_begin)
-    left = window.force - mass * load_share(time - PLATFORM_LAG, rise_time(window))
-    size = (window.window_begin - entry) // _RISE_PARTS
+    entry, begin = max(_entry(window), window.empty_begin), window.window_begin
+    size = (begin - entry) // _RISE_PARTS
     if size < 1:
         return 0.0
-    rise = _means(left[entry : window.window_begin], size)
-    empty = _means(_empty_belt(window), size)
+    time = time_since_entry(window, entry, begin) - PLATFORM_LAG
+    left = window.force_between(entry, begin) - mass * load_share(time, rise_time(window))
+    rise, empty = _means(left, size), _means(_empty_belt(window), size)
     noise = float(np.mean(empty * empty)) if len(empty) else 0.0
     return math.sqrt(max(float(np.mean(rise * rise)) - noise, 0.0))
 
@@ -139,9 +138,14 @@ def _empty_belt(window: WeighWindow) -> Array:
 
     The result is empty if t1 is within the ring-down.
     """
-    entry = int(np.searchsorted(time_since_entry(window), 0.0))
+    entry = _entry(window)
     begin = window.empty_begin + round(SETTLE_TIME * window.sample_rate)
     return window.force_between(min(begin, entry), entry)
+
+
+def _entry(window: WeighWindow) -> int:
+    """Return the position of the first sample at or after t1."""
+    return int(time_since_entry(window).searchsorted(0.0))
 
 
 def _means(signal: Array, size: int) -> Array:
