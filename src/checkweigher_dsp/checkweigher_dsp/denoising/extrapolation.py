@@ -12,7 +12,7 @@ so an autoregressive model of the samples predicts them. The model describes blo
 import numpy as np
 
 from checkweigher_dsp.signal import Array
-from checkweigher_dsp.signal.autoregression import burg_all
+from checkweigher_dsp.signal.autoregression import burg
 
 PREDICTION_RATE = 240.0  # rate of the block means in Hz
 _LEAST_RATIO = 3  # minimum ratio of the number of block means to the order of the model
@@ -63,7 +63,7 @@ def extrapolate(
     # the end of a signal, so without the reversal there might be samples between the left end and
     # the blocks.
     means = block_means(np.stack([disturbances, disturbances[:, ::-1]], axis=1), block)
-    taps = burg_all(means[:, 0], order)
+    taps = np.array([burg(signal, order)[0] for signal in means[:, 0]])
     predicted = predict(means, taps, max(before, after) // block + 2)
     samples = _between_centres(np.concatenate([means[..., -1:], predicted], axis=-1), block)
     result[:, before + count :] = samples[:, 0, :after]

@@ -97,59 +97,6 @@ def burg(signal: Array, order: int) -> tuple[Array, Array]:
     return turned[end - order - 1 : end], np.array(reflections)
 
 
-def burg_all(signals: Array, order: int) -> Array:
-    """Return the coefficients that `burg` returns for each of several signals, to the last bit.
-
-    `signals`, (m, n), and the result, (m, p + 1), contain a signal in each row. For many signals,
-    one call takes a quarter of the time of `burg` for each signal.
-
-    Notes
-    -----
-    Each line is the line of `burg` for all signals at once. A product of stacks of matrices calls
-    the same functions of BLAS as the products of `burg`, so it rounds alike.
-
-    Examples
-    --------
-    >>> print(burg_all(np.array([[1.0, 2.0, 3.0], [3.0, 2.0, 1.0]]), 1).round(3))
-    [[ 1.    -0.889]
-     [ 1.    -0.889]]
-    """
-    number, count = signals.shape
-    if number == 1:  # For a single signal, arrays take four times as long as floats.
-        return burg(signals[0], order)[0][np.newaxis]
-    size = count + 2 * order
-    errors = np.zeros((number, 2 * size))
-    errors[:, : count - 1] = signals[:, 1:]
-    errors[:, count + order - 1] = 1.0
-    errors[:, size : size + count] = signals
-    errors[:, size + count + order : size + count + order + 1] = 1.0
-    turn = np.tile(np.eye(2), (number, 1, 1))
-    turned = errors
-    energy = least = np.zeros(number)
-    for used in range(count - 1, count - 1 - order, -1):
-        forward, backward = errors[:, :used], errors[:, size : size + used]
-        lost = energy <= least
-        if lost.any():
-            summed = _dots(forward, forward) + _dots(backward, backward)
-            summed[summed == 0] = 1.0
-            energy = np.where(lost, summed, energy)
-            least = np.where(lost, _LEFT * summed, least)
-        reflection = -2.0 * _dots(forward, backward) / energy
-        turn[:, 0, 1] = turn[:, 1, 0] = reflection
-        turned = (turn @ errors.reshape(number, 2, size)).reshape(number, -1)
-        first, last = turned[:, 0], turned[:, size + used - 1]
-        energy = (1.0 - reflection * reflection) * energy - first * first - last * last
-        errors = turned[:, 1:-1]
-        size -= 1
-    end = turned.shape[1] // 2
-    return turned[:, end - order - 1 : end]
-
-
-def _dots(left: Array, right: Array) -> Array:
-    """Return the dot product of each row of `left`, (m, n), with the same row of `right`, (m,)."""
-    return np.asarray((left[:, np.newaxis] @ right[..., np.newaxis])[:, 0, 0])
-
-
 def akaike_order(powers: Array, count: int) -> int:
     """Choose the order of an AR model by Akaike's information criterion.
 

@@ -10,7 +10,7 @@ import numpy as np
 import plain_path
 import pytest
 
-from checkweigher_dsp.signal.autoregression import akaike_order, burg, burg_all
+from checkweigher_dsp.signal.autoregression import akaike_order, burg
 
 ROUNDING = 1e-10
 
@@ -68,20 +68,6 @@ def test_the_taps_of_a_model_sum_to_the_product_of_one_plus_its_reflections(seed
 def test_a_lower_order_has_the_first_reflections_of_a_higher_one(seed, order):
     signal = np.random.default_rng(seed).standard_normal(40)
     np.testing.assert_array_equal(burg(signal, order)[1], burg(signal, 6)[1][:order])
-
-
-@given(st.integers(0, 2**32 - 1), st.integers(1, 5), st.integers(6, 150), st.data())
-def test_many_signals_have_the_models_of_each_alone_to_the_last_bit(seed, number, count, data):
-    # The first signal is a line, whose energy falls so far that it is summed again on the way, and
-    # the last one is 0.
-    order = data.draw(st.integers(0, count // 3))
-    signals = np.random.default_rng(seed).standard_normal((number, count)).cumsum(axis=1)
-    signals[0] = np.cos(0.3 * np.arange(count)) + 1e-6 * signals[0]
-    signals[-1] *= data.draw(st.integers(0, 1))
-
-    expected = [burg(signal, order)[0] for signal in signals]
-
-    np.testing.assert_array_equal(burg_all(signals, order), expected)
 
 
 def test_burg_leaves_a_signal_of_zeros_as_it_is():
