@@ -131,7 +131,7 @@ class Lane:
         self.alarms: tuple[Alarm, ...] = ()
         self.over: tuple[Alarm, ...] = ()  # ended alarms, which have left `alarms`
         self.load_cell: LoadCell | None = None
-        self._begin: int | None = None  # stamp in ns of the first samples of the stream
+        self._weighed = 0  # number of masses since the line was started
         self.zero: ZeroChange | None = None
         self.series = MassSeries()
         self._lock = threading.Lock()
@@ -159,6 +159,8 @@ class Lane:
                 case Verdict():
                     self.judged = time.monotonic()
                     self.series = self.series.with_item(record)
+                case MassEstimate():
+                    self._weighed += 1
                 case Statistics():
                     self.statistics = record
                 case FillerFeedback():
@@ -187,7 +189,6 @@ class Lane:
         if blocks and block.stamp < blocks[-1].stamp:
             self._begin_stream()
         blocks.append(block)
-        self._begin = block.stamp if self._begin is None else self._begin
         while blocks[0].stamp < block.stamp - self.held * NANOSECONDS:
             blocks.popleft()
 
@@ -199,7 +200,7 @@ class Lane:
         """
         for records in (self._blocks, self._latest[EyeEdge], self._latest[Reference]):
             records.clear()
-        self._begin = None
+        self._weighed = 0
 
     def forget_signals(self) -> None:
         """Drop samples and windows, because without a viewer the page receives no newer ones."""
@@ -270,10 +271,9 @@ class Lane:
         standard deviations after its next start.
         """
         with self._lock:
-            latest = list(islice(reversed(self._latest[MassEstimate]), _RECENT))
-            begin = math.inf if self._begin is None else self._begin
-        known = [each.std_dev for each in latest if (each.t1 or 0) >= begin]
-        known = [each for each in known if math.isfinite(each)]
+            count = min(_RECENT, self._weighed)
+            latest = list(islice(reversed(self._latest[MassEstimate]), count))
+        known = [each.std_dev for each in latest if math.isfinite(each.std_dev)]
         return median(known) if known else 0.0
 
     def _of(self, *kinds: type) -> list[tuple[Any, ...]]:

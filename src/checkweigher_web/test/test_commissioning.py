@@ -177,7 +177,10 @@ def test_a_new_line_is_calibrated_tuned_and_runs_by_the_page_alone(tmp_path: Pat
         ben.until(lambda: ben.text('.stage.limits .fields'))
         assert '✓' in ben.standing('4 Limits')
         primary = browser.find_element(By.CSS_SELECTOR, '.foot > button')
-        assert (primary.text, primary.is_enabled()) == ('Set the limits', False)  # nothing typed
+        for text, can_be_set in (('180', True), ('169', False)):  # the limit in use is 169 g
+            ben.fill('Upper limit', text)
+            ben.until(lambda: primary.is_enabled() == can_be_set)  # noqa: B023
+        assert primary.text == 'Set the limits'
         assert line.noted('ben')[-1] == 'select product crisps_150g: done'
         browser.get(f'http://127.0.0.1:{line.port}/')
         ben.until(lambda: 'OVER' in ben.text('.decision'))

@@ -74,6 +74,7 @@ def test_a_machine_is_verified_by_the_page_alone(tmp_path: Path):
         browser.refresh()
         ben.commission('5 Verify')  # the verification continues without the page
         ben.sees('Step 4 of 9, warm-up, passes after 0.02 min: Do this', 'Run the belt at 60')
+        assert '2 passes: Run the belt at' in ben.text('.verify .steps')  # of the next steps
         ben.fill(REASON, 'no weights')
         ben.make('Skip')
         ben.makes('zero, reading 1')  # reading 2 follows without a question

@@ -17,7 +17,7 @@ from checkweigher_core.health.findings import (
     warn_if,
 )
 from checkweigher_core.printable import counted
-from checkweigher_core.records import Eye, EyeEdge, LoadCell, SampleBlock
+from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, LoadCell, SampleBlock
 
 PATIENCE = 5.0  # longest time in s that the nodes of a line need to start
 _SILENCE = 1.0  # longest time in s without samples before an error (or `_SILENT_BLOCKS`, if longer)
@@ -28,11 +28,12 @@ _ONE_EYED = 10  # smallest number of edges of one eye in a minute for a comparis
 _OTHER = {Eye.INFEED: Eye.OUTFEED, Eye.OUTFEED: Eye.INFEED}
 # Ratio of the numbers of edges of the two eyes above which an eye may be dirty.
 _MANY_MORE = 1.5
-# Number of edges of an eye between two edges of the other eye above which they are a burst.
-_BURST = 3
-# Number of bursts in a minute from which an eye may be dirty. An eye that works causes a single
-# burst while the other one is dead.
-_BURSTS = 3
+# An edge of an eye is quick if it follows the previous one sooner than this fraction of the lower
+# quartile of the intervals at the other eye. Products do not cause quick edges, but a dirty eye
+# does. An eye that works has none, even if the other eye misses products.
+_QUICK = 0.5
+# Smallest fraction of the surplus edges of a dirty eye that are quick.
+_MOSTLY = 0.5
 _GAPS, _LOST, _AGAIN = 'gaps', 'samples_lost', 'blocks_doubled_or_late'
 _RESTARTS, _SATURATED = 'source_restarts', 'samples_saturated'
 # Names of the counts, each with the noun that follows its number in messages.
@@ -166,12 +167,9 @@ class EyeWatch:
         eye = Eye(edge.eye)
         self._last = now
         self._counts[eye] += 1
-        self._recent[eye].add(now, 1.0)
-        other = _OTHER[eye]
-        if self._since[other] > _BURST:
-            self._bursts[other].add(now, 1.0)
-        self._since[other] = 0
-        self._since[eye] += 1
+        since = (edge.stamp - self._stamps.get(eye, 0)) / NANOSECONDS
+        self._stamps[eye] = edge.stamp
+        self._recent[eye].add(now, since)
         if edge.blocked:
             self._blocked.setdefault(eye, now)
         else:
@@ -182,15 +180,15 @@ class EyeWatch:
 
         The total numbers of edges are kept.
         """
+        # Intervals in s between the edges of each eye, and the stamp of its latest edge in ns. The
+        # interval before the first edge is long.
         self._recent = {eye: RecentValues() for eye in Eye}
-        self._bursts = {eye: RecentValues() for eye in Eye}
-        # Number of edges of each eye since the last edge of the other eye.
-        self._since = dict.fromkeys(Eye, 0)
+        self._stamps: dict[Eye, int] = {}
         self._blocked: dict[Eye, float] = {}
 
     def look(self, now: float) -> None:
         """Remove edges that are more than 60 s old at time `now` in s."""
-        for values in (*self._recent.values(), *self._bursts.values()):
+        for values in self._recent.values():
             values.forget(now)
 
     def finding(self, now: float) -> Finding:
@@ -223,9 +221,7 @@ class EyeWatch:
         ]
         concerns += [
             warn_if(
-                lately[other] >= _ONE_EYED
-                and lately[eye] > _MANY_MORE * lately[other]
-                and len(self._bursts[eye]) >= _BURSTS,
+                self._is_dirty(eye, other),
                 f'the {eye.name.lower()} eye has switched {lately[eye]} times in the last minute, '
                 f'but the {other.name.lower()} eye {lately[other]} times',
                 f'clean the {eye.name.lower()} eye and check its alignment: a dirty eye switches '
@@ -238,3 +234,11 @@ class EyeWatch:
         else:
             well = 'no product in the last minute'
         return conclude('Photo eyes', well, concerns, values)
+
+    def _is_dirty(self, eye: Eye, other: Eye) -> bool:
+        """Return whether an eye has many more edges than the other one, and mostly quick ones."""
+        own, others = self._recent[eye], self._recent[other]
+        if len(others) < _ONE_EYED or len(own) <= _MANY_MORE * len(others):
+            return False
+        quick = np.count_nonzero(own.values < _QUICK * others.quantile(0.25))
+        return bool(quick >= _MOSTLY * (len(own) - len(others)))

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from checkweigher_core.health.findings import Level
+from checkweigher_core.health.findings import Finding, Level
 from checkweigher_core.health.stream import EyeWatch, SampleWatch
 from checkweigher_core.records import NANOSECONDS, Eye, EyeEdge, LoadCell, SampleBlock
 
@@ -187,30 +187,50 @@ def test_an_eye_that_is_blind_or_stays_blocked_is_found():
     assert eyes.finding(21.0).level == Level.OK
 
 
-def test_an_eye_that_switches_more_often_than_the_other_is_found():
+def switched(infeed: list[float], outfeed: list[float]) -> Finding:
+    """Return the finding after edges at these times in s; each eye is blocked by its first edge."""
     eyes = EyeWatch()
-    for second in range(10):
-        for eye, times in ((Eye.INFEED, 2), (Eye.OUTFEED, 2 + 2 * (second > 5))):
-            for number in range(times):
-                eyes.add(second + 0.1 * number, EyeEdge(0, eye, number % 2 == 0))
-    finding = eyes.finding(10.0)
-    assert finding.level == Level.OK
-    for number in range(4):
-        eyes.add(10.0 + 0.1 * number, EyeEdge(0, Eye.OUTFEED, number % 2 == 0))
-    finding = eyes.finding(11.0)
-    assert (finding.level, finding.text) == (
-        Level.WARN,
-        'the outfeed eye has switched 32 times in the last minute, but the infeed eye 20 times',
-    )
+    edges = [
+        (time, eye, number % 2 == 0)
+        for eye, times in ((Eye.INFEED, infeed), (Eye.OUTFEED, outfeed))
+        for number, time in enumerate(times)
+    ]
+    for time, eye, blocked in sorted(edges):
+        eyes.add(time, EyeEdge(round(time * NANOSECONDS), eye, blocked))
+    return eyes.finding(20.0)
+
+
+def of_products(*edges: float, count: int = 20) -> list[float]:
+    """Return times in s at which an eye switches, for products that come once a second."""
+    return [second + edge for second in range(count) for edge in edges]
+
+
+USUAL = of_products(0.0, 0.2)  # a product blocks an eye for 0.2 s
+LATER = of_products(0.25, 0.45)
+
+
+@pytest.mark.parametrize(
+    'outfeed',
+    [
+        of_products(0.25, 0.27, 0.29, 0.45),  # switches three times as a product comes
+        of_products(0.25, 0.27, 0.29, 0.44, 0.45, 0.46),
+        [*LATER[:20], *of_products(10.25, 10.27, 10.29, 10.44, 10.45, 10.46, count=10)],
+    ],
+)
+def test_a_dirty_eye_switches_again_sooner_than_products_can(outfeed: list[float]):
+    finding = switched(USUAL, outfeed)
+    text = f'the outfeed eye has switched {len(outfeed)} times in the last minute, but the infeed'
+    assert (finding.level, finding.text) == (Level.WARN, f'{text} eye 40 times')
     assert finding.hint.startswith('clean the outfeed eye')
 
 
-def test_an_eye_that_works_is_not_blamed_while_the_other_one_is_dead_or_soon_after():
-    eyes = EyeWatch()
-    for second in range(20):
-        for eye in (Eye.INFEED, Eye.OUTFEED):
-            if eye is Eye.INFEED and 5 <= second < 12:
-                continue
-            for blocked in (True, False):
-                eyes.add(second + 0.1, EyeEdge(0, eye, blocked))
-    assert eyes.finding(20.0).level == Level.OK
+@pytest.mark.parametrize(
+    'infeed',
+    [
+        USUAL[:14] + USUAL[30:],  # dead for 8 s
+        [time for time in USUAL if int(time) % 2],  # misses every second product
+        [time for time in USUAL if int(time) % 5 < 2],  # misses three of five products
+    ],
+)
+def test_an_eye_that_works_is_not_blamed_if_the_other_one_misses_products(infeed: list[float]):
+    assert switched(infeed, LATER).level == Level.OK

@@ -38,7 +38,6 @@ from numpy.typing import NDArray
 from checkweigher_core.records import WeighWindow
 from checkweigher_dsp.denoising.window_batch import time_since_entry
 from checkweigher_dsp.signal import Array
-from checkweigher_dsp.signal.autoregression import pooled_autocovariance
 
 # The filter is a seventh difference, equalised above a quarter of the sample rate. At 1/20 of the
 # sample rate, where a platform may ring, the filter multiplies the amplitude of an oscillation by
@@ -124,8 +123,7 @@ def _is_calmer(level: Array, empty: Array) -> bool:
     if not len(level):
         return False
     power = float(empty @ empty)
-    covariance = pooled_autocovariance([empty], _LAGS)
-    alike = float(np.sum((covariance[1:] / covariance[0]) ** 2))
+    alike = sum((float(empty[:-lag] @ empty[lag:]) / power) ** 2 for lag in range(1, _LAGS))
     first, second = (2 * (1 + 2 * alike) / (9 * len(each)) for each in (level, empty))
     root = math.cbrt(float(level @ level) / len(level) / power * len(empty))
     deviate = ((1 - second) * root - (1 - first)) / math.sqrt(first + second * root * root)

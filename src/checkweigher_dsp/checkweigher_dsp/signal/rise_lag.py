@@ -56,7 +56,7 @@ class Bend(NamedTuple):
     std_dev: float = math.nan
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class RiseLag:
     """Lag of the load behind the edges of the photo-eyes, and its standard deviation, in s.
 

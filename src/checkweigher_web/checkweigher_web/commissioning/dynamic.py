@@ -65,7 +65,7 @@ class DynamicStep(Step):
     def _build(self) -> None:
         self._said: DynamicSetting | None = None
         self._known: tuple[Recorded, ...] = ()  # recorded passes
-        self._lacking: list[Text] = []  # lines on the passes that are not recorded yet
+        self._lacking: list[Text] = []  # lines on the loads that the passes do not cover
         self._products: list[float] = []  # nominal gross masses of the products in kg
         self._table: list[str] = []  # lines of the accuracy table on the page
         self._taken = False
@@ -142,10 +142,10 @@ class DynamicStep(Step):
         self._lacking = lines_of(not_covered(self._known, loads))
         self._recorded.show(self.say(_words(each)) for each in self._known)
         self._recorded.set_visibility(bool(self._known))
-        if not plan and len({each.mass for each in self._known}) < _MASSES:
-            self._lacking.insert(0, _FOR_VERIFICATION)
-        self._doubts.show(map(self.say, self._lacking))
-        self._doubts.set_visibility(bool(self._lacking))
+        needs_more = not plan and len({each.mass for each in self._known}) < _MASSES
+        hints = [_FOR_VERIFICATION] if needs_more else []
+        self._doubts.show(map(self.say, [*hints, *self._lacking]))
+        self._doubts.set_visibility(bool(hints or self._lacking))
 
     async def _masses_of_recipes(self) -> list[float]:
         try:

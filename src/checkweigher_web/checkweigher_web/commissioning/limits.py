@@ -101,7 +101,8 @@ class LimitsStep(Step):
             mass_in(self._upper, self.say, empty=math.inf),
         )
         set_limits = partial(actions.set_limits, self.services, wanted)
-        await self.perform(Text('set limits to {limits}', limits=wanted.text), set_limits)
+        if await self.perform(Text('set limits to {limits}', limits=wanted.text), set_limits):
+            self._texts = [str(self._lower.value), str(self._upper.value)]
 
     def _entry(self, limit: float) -> str:
         return self.say.entry(self.say.per_kg * limit) if math.isfinite(limit) else ''

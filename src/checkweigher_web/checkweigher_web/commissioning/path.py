@@ -67,8 +67,7 @@ class CommissioningPath:
                 with ui.element('div').classes('others'):
                     most = max(len(step.others()) for step in self._steps)
                     self._others = [self._button('outline') for _ in range(most)]
-                    self._next = ui.button(on_click=lambda: self._go(self._at + 1))
-                    self._next.props('flat no-caps')
+                    self._next = self._button('flat')
                 self._primary = self._button('unelevated')
         self._go(0)
         ui.timer(_PERIOD, self._update)
@@ -95,10 +94,7 @@ class CommissioningPath:
             return
         if not outcome.done:
             outcome = Outcome(False, in_words(outcome.text))
-        if outcome.text:
-            show_outcome(self._result, outcome, self._say)
-        else:  # The step itself shows what comes next.
-            self._clear()
+        show_outcome(self._result, outcome, self._say)
 
     async def _update(self) -> None:
         load, change = self._lane.load()
@@ -120,13 +116,19 @@ class CommissioningPath:
         show_told(self._request, step.request(), self._say)
         others = step.others()
         self._primary.show(step.primary())
-        is_last = self._at + 1 == len(STEPS)
-        self._next.set_visibility(not is_last and step.standing().is_done)
-        if not is_last:
-            text = Text('Next: {step}', step=STEPS[self._at + 1].title)
-            self._next.set_text(self._say(text))
+        self._next.show(self._next_step())
         for k, button in enumerate(self._others):
             button.show(others[k] if k < len(others) else None)
+
+    def _next_step(self) -> Choice | None:
+        """Return the button that leads to the next step, or None at the last step."""
+        if self._at + 1 == len(STEPS):
+            return None
+        label = Text('Next: {step}', step=STEPS[self._at + 1].title)
+        return Choice(label, self._go_on, self._steps[self._at].standing().is_done)
+
+    async def _go_on(self) -> None:
+        self._go(self._at + 1)
 
 
 class _Tab:

@@ -201,7 +201,8 @@ class VerifyStep(Step):
         self._found.set_text(self.say(line))
         self._doubts.show(map(self.say, doubts))
         self._doubts.set_visibility(bool(doubts) and self._choice.visible)
-        self._table.show([self.say(step), told(to_do, self.say)] for step, to_do in rows)
+        if self._choice.visible:  # while a verification runs, the table shows its results
+            self._table.show([self.say(step), told(to_do, self.say)] for step, to_do in rows)
 
     def _facts(self) -> LineFacts:
         """Return the facts about the line from which the result of the plan is predicted."""
@@ -241,7 +242,13 @@ class VerifyStep(Step):
                 self._show_text(self._new)
 
     def _show_results(self, said: VerificationProgress) -> None:
-        to_do = to_do_of(self._text)
+        if not said.steps:
+            return
+        path = Path(said.folder) / VERIFICATIONS / said.name / 'plan.yaml'
+        try:  # The page may have another plan than the verification that runs.
+            to_do = to_do_of(read_input(path).decode('utf-8'))
+        except (OSError, UnicodeDecodeError):
+            to_do = {}
         self._table.show(
             (self.say(step_words(step)), told(from_node(result) or to_do.get(step, ''), self.say))
             for step, result in zip(said.steps, said.results, strict=True)

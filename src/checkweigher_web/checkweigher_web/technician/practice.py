@@ -195,10 +195,7 @@ class PracticeView(View):
         self._tell(outcome)
 
     def _tell(self, outcome: Outcome) -> None:
-        if outcome.done:
-            self._result.set_text('')
-        else:
-            show_outcome(self._result, outcome, self.say)
+        show_outcome(self._result, outcome, self.say)
 
 
 class _EyeControls:

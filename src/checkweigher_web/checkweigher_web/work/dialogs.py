@@ -183,8 +183,12 @@ class Dialog:
 def show_outcome(label: ui.label, outcome: Outcome, say: Language) -> None:
     """Show the outcome of an action in a label.
 
-    The label begins with a tick if the action was done, otherwise with a cross.
+    The label begins with a tick if the action was done, otherwise with a cross. The label is empty
+    if the action was done and needs no text, because the page itself shows what it has changed.
     """
+    if outcome.done and not outcome.text:
+        label.set_text('')
+        return
     show_told(label, from_node(outcome.text), say)
     text = label.text
     label.set_text(f'✓ {text}' if outcome.done else say('✗ not done: {text}', text=text))

@@ -307,7 +307,7 @@ class LaneServices(PortNode):
         except ActionRefusedError as error:
             text = Text(
                 '{outcome}; its end is not in the audit log: {error}',
-                outcome=outcome.text,
+                outcome=outcome.text or Text('done'),
                 error=error.text,
             )
             return Outcome(outcome.done, text)
