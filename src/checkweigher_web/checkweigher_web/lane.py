@@ -53,7 +53,9 @@ _MAX_OVER = 20  # maximum number of ended alarms
 _MAX_EDGES = 400
 SHOWN = 20.0  # duration in s of the samples that a lane holds for the views
 _MINUTE = 60 * NANOSECONDS
-_RECENT = 50  # number of the latest masses that give the usual standard deviation
+# Number of the latest masses that give the usual standard deviation of a mass, and largest relative
+# difference of these masses from it.
+_RECENT, _NEAR = 500, 0.2
 _RATED = 6  # number of the latest items whose times give the throughput
 _MOMENT = NANOSECONDS // 2  # time in ns over which the load is averaged
 _PARTS = 6  # number of parts of the latest second whose mean loads are compared
@@ -264,16 +266,22 @@ class Lane:
         since = NANOSECONDS * (time.monotonic() - self.judged)
         return _MINUTE / interval if since < _RATED * interval else math.nan
 
-    def usual_std_dev(self) -> float:
-        """Return the median in kg of the known standard deviations of the latest masses, or 0.
+    @property
+    def weighed(self) -> int:
+        """Number of masses since the line was started."""
+        return self._weighed
 
-        Only masses since the start of the line count, because a line that was trained states other
-        standard deviations after its next start.
+    def usual_std_dev(self, mass: float) -> float:
+        """Return the median of the standard deviations of the latest masses close to `mass`, in kg.
+
+        Returns 0 if none is known. Only masses since the start of the line count, because a line
+        that was trained states other standard deviations after its next start.
         """
         with self._lock:
             count = min(_RECENT, self._weighed)
             latest = list(islice(reversed(self._latest[MassEstimate]), count))
-        known = [each.std_dev for each in latest if math.isfinite(each.std_dev)]
+        near = [each.std_dev for each in latest if abs(each.mass - mass) <= _NEAR * mass]
+        known = [each for each in near if math.isfinite(each)]
         return median(known) if known else 0.0
 
     def _of(self, *kinds: type) -> list[tuple[Any, ...]]:

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Duration of a plan, and expected uncertainty of each result, compared with the error limit."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 import math
 from typing import NamedTuple
 
@@ -26,15 +26,17 @@ class Expected(NamedTuple):
         return self.uncertainty <= self.limit
 
 
-def expected_uncertainties(plan: Plan, std_dev: float, zero: float = 0.0) -> Iterator[Expected]:
+def expected_uncertainties(
+    plan: Plan, std_dev: Callable[[float], float], zero: float = 0.0
+) -> Iterator[Expected]:
     """Yield the expected uncertainty of each step with an error limit, except later zero readings.
 
     Steps with an error limit are the first zero reading and all steps with a load, except steps
     outside the range of dynamic setting and the test of repeatability. The uncertainty for a load
     combines the uncertainty of the reference mass and, for passes, the standard deviation of the
-    mean error. `std_dev` is the standard deviation of the error of a single pass in kg, and `zero`
-    is the standard deviation in kg of a zero that an operator sets. An unknown standard deviation
-    is 0.
+    mean error. `std_dev` returns the standard deviation in kg of the error of a single pass of a
+    mass in kg, and `zero` is the standard deviation in kg of a zero that an operator sets. An
+    unknown standard deviation is 0.
     """
     own = plan.accuracy_class
     for step in steps_of(plan):
@@ -42,8 +44,9 @@ def expected_uncertainties(plan: Plan, std_dev: float, zero: float = 0.0) -> Ite
             yield Expected(step, COVERAGE * zero, ZERO_ACCURACY * own.interval)
         if step.load is None or step.kind in _NO_ERROR:
             continue
-        scatter = 0.0 if step.at_rest else std_dev / math.sqrt(step.count)
-        limit = (own.max_static_error if step.at_rest else own.max_error)(step.load.mass)
+        mass = step.load.mass
+        scatter = 0.0 if step.at_rest else std_dev(mass) / math.sqrt(step.count)
+        limit = (own.max_static_error if step.at_rest else own.max_error)(mass)
         yield Expected(step, COVERAGE * math.hypot(scatter, step.load.uncertainty), limit)
 
 

@@ -39,7 +39,7 @@ _TO_DO = {
     StepKind.WARM_UP: _PASS,
     StepKind.ZEROING: 'Leave the belt empty while the line is zeroed',
     StepKind.ZERO: 'Leave the belt empty',
-    StepKind.OUTSIDE: f'{_PASS}; each pass must be a FAULT',
+    StepKind.OUTSIDE: f'{_PASS}; these passes must be FAULTs, too',
     StepKind.PASSES: _PASS,
     StepKind.ECCENTRICITY: f'{_PASS}, lane {{position}}',
     StepKind.REPEATABILITY: _PASS,

@@ -65,7 +65,7 @@ class DynamicStep(Step):
     def _build(self) -> None:
         self._said: DynamicSetting | None = None
         self._known: tuple[Recorded, ...] = ()  # recorded passes
-        self._lacking: list[Text] = []  # lines on the loads that the passes do not cover
+        self._lacking: list[Text] = []  # lines on the passes that are not recorded yet
         self._products: list[float] = []  # nominal gross masses of the products in kg
         self._table: list[str] = []  # lines of the accuracy table on the page
         self._taken = False
@@ -87,8 +87,9 @@ class DynamicStep(Step):
     def standing(self) -> Standing:
         """Return whether trained parameters have been taken over, and a text on the state.
 
-        The step is not done while passes are recorded, while the estimators are trained, or while
-        newly trained parameters have been neither taken over nor dropped.
+        The step is not done while passes are recorded, while the estimators are trained, while
+        newly trained parameters have been neither taken over nor dropped, or before the line was
+        started with them.
         """
         said = self.services.setting
         if said is None:
@@ -103,7 +104,7 @@ class DynamicStep(Step):
         if not said.file:
             return Standing(False, Text('not trained'))
         if self._taken:
-            return Standing(True, Text('taken over: start the line again'))
+            return Standing(False, Text('taken over: start the line again'))
         return Standing(True, Text('taken over'))
 
     async def update(self) -> None:
@@ -142,10 +143,10 @@ class DynamicStep(Step):
         self._lacking = lines_of(not_covered(self._known, loads))
         self._recorded.show(self.say(_words(each)) for each in self._known)
         self._recorded.set_visibility(bool(self._known))
-        needs_more = not plan and len({each.mass for each in self._known}) < _MASSES
-        hints = [_FOR_VERIFICATION] if needs_more else []
-        self._doubts.show(map(self.say, [*hints, *self._lacking]))
-        self._doubts.set_visibility(bool(hints or self._lacking))
+        if not plan and len({each.mass for each in self._known}) < _MASSES:
+            self._lacking.insert(0, _FOR_VERIFICATION)
+        self._doubts.show(map(self.say, self._lacking))
+        self._doubts.set_visibility(bool(self._lacking))
 
     async def _masses_of_recipes(self) -> list[float]:
         try:
@@ -312,6 +313,9 @@ class DynamicStep(Step):
 
         what = Text('take over the trained parameters')
         self._taken = await self.perform(what, take_over)
+        if self._taken:
+            self._table = []
+            self._show_table()
 
     async def _restart(self) -> None:
         restart = partial(self.services.message, ports.RESTART_LINE)

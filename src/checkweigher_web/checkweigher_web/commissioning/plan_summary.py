@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Summary of a verification plan in words: duration, steps, and reasons why it cannot pass."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import reduce
 import math
 from typing import NamedTuple
@@ -25,6 +25,10 @@ from checkweigher_web.languages.wording import from_node, in_words
 _SPACING = 1.0
 
 
+def _unknown(_mass: float) -> float:
+    return 0.0
+
+
 class LineFacts(NamedTuple):
     """Facts about a line from which the result of a plan is predicted.
 
@@ -32,8 +36,9 @@ class LineFacts(NamedTuple):
     ----------
     load_cell : LoadCell or None
         Load cell, or None if it is not known.
-    std_dev : float
-        Standard deviation in kg of the mass in one pass, or 0 if it is not known.
+    std_dev : callable
+        Function that returns the standard deviation in kg of one pass of a mass in kg, or 0 if it
+        is not known.
     zero_std_dev : float
         Standard deviation in kg of a zero that an operator sets, or 0 if it is not known.
     spacing : float
@@ -41,7 +46,7 @@ class LineFacts(NamedTuple):
     """
 
     load_cell: LoadCell | None = None
-    std_dev: float = 0.0
+    std_dev: Callable[[float], float] = _unknown
     zero_std_dev: float = 0.0
     spacing: float = math.nan
 

@@ -54,6 +54,8 @@ from checkweigher_web.work.dialogs import field
 from checkweigher_web.work.reports import VERIFICATION, list_reports
 from checkweigher_web.work.services import Outcome
 
+# Number of masses after which the uncertainties of the plan are predicted again.
+_EACH = 20
 _MANY = 10  # maximum number of verifications in the list
 _EXAMPLE = Text('example')
 _STATES = {
@@ -81,6 +83,7 @@ class VerifyStep(Step):
         self._said: VerificationProgress | None = None
         self._known: tuple[Recorded, ...] = ()  # recorded passes
         self._zero = self.lane.zero  # latest zero that an operator has set.
+        self._weighed = 0  # number of masses since the line was started, in units of `_EACH`
         # Plan files, by their paths relative to `VerificationProgress.folder`.
         self._paths: dict[str, Path] = {}
         self._found = ui.label('').classes('found').props('role=status')
@@ -209,12 +212,12 @@ class VerifyStep(Step):
         lane = self.lane
         zero = self._zero.std_dev if self._zero else 0.0
         spacing = usual_spacing(self._known)
-        return LineFacts(lane.load_cell, lane.usual_std_dev(), zero, spacing)
+        return LineFacts(lane.load_cell, lane.usual_std_dev, zero, spacing)
 
     # Procedure
 
     async def update(self) -> None:
-        """Show the progress, and check the plan again after new passes and after a new zero."""
+        """Show the progress, and check the plan again after new passes, masses or a new zero."""
         await self._check_again()
         said, before = self.services.verification, self._said
         if said is None or said is before:
@@ -232,9 +235,9 @@ class VerifyStep(Step):
                 self._show_choices(Path(said.folder))
 
     async def _check_again(self) -> None:
-        now = await recorded(self.services), self.lane.zero
-        if now != (self._known, self._zero) and not self._lines.is_deleted:
-            self._known, self._zero = now
+        now = await recorded(self.services), self.lane.zero, self.lane.weighed // _EACH
+        if now != (self._known, self._zero, self._weighed) and not self._lines.is_deleted:
+            self._known, self._zero, self._weighed = now
             self._show_summary()
         if (given := self._plan_facts()) != self._given:
             before, self._given, self._new = self._new, given, new_plan(*given)
