@@ -127,13 +127,14 @@ class Lane:
         self.version = 0
         # time.monotonic() in s at the arrival of the latest verdict, -inf before the first one.
         self.judged = -math.inf
+        # Number of estimates since the line was started, also of those without a mass.
+        self.weighed = 0
         self.statistics: Statistics | None = None
         self.filler: FillerFeedback | None = None
         self.stop: StopRequest | None = None
         self.alarms: tuple[Alarm, ...] = ()
         self.over: tuple[Alarm, ...] = ()  # ended alarms, which have left `alarms`
         self.load_cell: LoadCell | None = None
-        self._weighed = 0  # number of masses since the line was started
         self.zero: ZeroChange | None = None
         self.series = MassSeries()
         self._lock = threading.Lock()
@@ -162,7 +163,7 @@ class Lane:
                     self.judged = time.monotonic()
                     self.series = self.series.with_item(record)
                 case MassEstimate():
-                    self._weighed += 1
+                    self.weighed += 1
                 case Statistics():
                     self.statistics = record
                 case FillerFeedback():
@@ -173,12 +174,18 @@ class Lane:
                     self.zero = record
                 case StopRequest() | None:
                     self.stop = record
-                case LoadCell():  # A new stream of samples begins, so drop the previous one.
-                    self.load_cell = record
-                    self._begin_stream()
+                case LoadCell():
+                    self._take_load_cell(record)
                 case BeltNoise():  # Belt noise alone must not update the views each second.
                     return
             self.version += 1
+
+    def _take_load_cell(self, record: LoadCell) -> None:
+        """Take the load cell of a new stream, which begins with each start of the line."""
+        if self.load_cell is not None:
+            self.weighed = 0
+        self.load_cell = record
+        self._begin_stream()
 
     def _take_alarms(self, alarms: tuple[Alarm, ...]) -> None:
         listed = {each.key for each in alarms}
@@ -202,7 +209,6 @@ class Lane:
         """
         for records in (self._blocks, self._latest[EyeEdge], self._latest[Reference]):
             records.clear()
-        self._weighed = 0
 
     def forget_signals(self) -> None:
         """Drop samples and windows, because without a viewer the page receives no newer ones."""
@@ -266,11 +272,6 @@ class Lane:
         since = NANOSECONDS * (time.monotonic() - self.judged)
         return _MINUTE / interval if since < _RATED * interval else math.nan
 
-    @property
-    def weighed(self) -> int:
-        """Number of masses since the line was started."""
-        return self._weighed
-
     def usual_std_dev(self, mass: float) -> float:
         """Return the median of the standard deviations of the latest masses close to `mass`, in kg.
 
@@ -278,7 +279,7 @@ class Lane:
         that was trained states other standard deviations after its next start.
         """
         with self._lock:
-            count = min(_RECENT, self._weighed)
+            count = min(_RECENT, self.weighed)
             latest = list(islice(reversed(self._latest[MassEstimate]), count))
         near = [each.std_dev for each in latest if abs(each.mass - mass) <= _NEAR * mass]
         known = [each for each in near if math.isfinite(each)]

@@ -154,10 +154,15 @@ def test_a_new_line_is_calibrated_tuned_and_runs_by_the_page_alone(tmp_path: Pat
         ben.make('Take over')
         ben.said('taken over')
         assert 'tvlpf' in trained.read_text()
+        browser.refresh()  # a reloaded page knows that the line must be started again
+        ben.commission('3 Dynamic')
+        ben.until(lambda: 'start the line again' in ben.standing('3 Dynamic'))
+        assert '✓' not in ben.standing('3 Dynamic')
         ben.make('Start the line again')
         ben.said('the line restarts')
         # The new driver has the settings of the configuration.
         ben.until(lambda: not ben.value('Mass of each product'))
+        ben.until(lambda: '✓' in ben.standing('3 Dynamic'))
 
         ben.commission('4 Limits')
         ben.until(lambda: 'no product is selected' in ben.standing('4 Limits'))

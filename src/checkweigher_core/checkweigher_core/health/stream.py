@@ -29,11 +29,11 @@ _OTHER = {Eye.INFEED: Eye.OUTFEED, Eye.OUTFEED: Eye.INFEED}
 # Ratio of the numbers of edges of the two eyes above which an eye may be dirty.
 _MANY_MORE = 1.5
 # An edge of an eye is quick if it follows the previous one sooner than this fraction of the lower
-# quartile of the intervals at the other eye. Products do not cause quick edges, but a dirty eye
-# does. An eye that works has none, even if the other eye misses products.
+# quartile of the intervals at the other eye. A dirty eye causes several quick edges in a row. A
+# product causes at most one, even if it is short and the other eye has missed it.
 _QUICK = 0.5
-# Smallest fraction of the surplus edges of a dirty eye that are quick.
-_MOSTLY = 0.5
+# Smallest ratio of the quick edges that follow another one to the surplus edges of a dirty eye.
+_IN_A_ROW = 0.3
 _GAPS, _LOST, _AGAIN = 'gaps', 'samples_lost', 'blocks_doubled_or_late'
 _RESTARTS, _SATURATED = 'source_restarts', 'samples_saturated'
 # Names of the counts, each with the noun that follows its number in messages.
@@ -181,7 +181,7 @@ class EyeWatch:
         The total numbers of edges are kept.
         """
         # Intervals in s between the edges of each eye, and the stamp of its latest edge in ns. The
-        # interval before the first edge is long.
+        # interval before the first edge counts from the stamp 0.
         self._recent = {eye: RecentValues() for eye in Eye}
         self._stamps: dict[Eye, int] = {}
         self._blocked: dict[Eye, float] = {}
@@ -236,9 +236,10 @@ class EyeWatch:
         return conclude('Photo eyes', well, concerns, values)
 
     def _is_dirty(self, eye: Eye, other: Eye) -> bool:
-        """Return whether an eye has many more edges than the other one, and mostly quick ones."""
+        """Return whether an eye has many more edges than the other one, and quick ones in a row."""
         own, others = self._recent[eye], self._recent[other]
         if len(others) < _ONE_EYED or len(own) <= _MANY_MORE * len(others):
             return False
-        quick = np.count_nonzero(own.values < _QUICK * others.quantile(0.25))
-        return bool(quick >= _MOSTLY * (len(own) - len(others)))
+        quick = own.values < _QUICK * others.quantile(0.25)
+        in_a_row = np.count_nonzero(quick[1:] & quick[:-1])
+        return bool(in_a_row >= _IN_A_ROW * (len(own) - len(others)))

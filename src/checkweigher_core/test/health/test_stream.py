@@ -234,3 +234,6 @@ def test_a_dirty_eye_switches_again_sooner_than_products_can(outfeed: list[float
 )
 def test_an_eye_that_works_is_not_blamed_if_the_other_one_misses_products(infeed: list[float]):
     assert switched(infeed, LATER).level == Level.OK
+    # The eye that works also sees short products, which the other one misses.
+    short = [time - 0.16 * (time % 1 > 0.4) * (int(time) % 2) for time in LATER]
+    assert switched([time for time in USUAL if int(time) % 2 == 0], short).level == Level.OK

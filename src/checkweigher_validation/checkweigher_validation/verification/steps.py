@@ -39,7 +39,7 @@ _TO_DO = {
     StepKind.WARM_UP: _PASS,
     StepKind.ZEROING: 'Leave the belt empty while the line is zeroed',
     StepKind.ZERO: 'Leave the belt empty',
-    StepKind.OUTSIDE: f'{_PASS}; these passes must be FAULTs, too',
+    StepKind.OUTSIDE: f'{_PASS}; each of these passes must be a FAULT',
     StepKind.PASSES: _PASS,
     StepKind.ECCENTRICITY: f'{_PASS}, lane {{position}}',
     StepKind.REPEATABILITY: _PASS,

@@ -27,10 +27,10 @@ from checkweigher_web.work.actions import products
 from checkweigher_web.work.dialogs import field, mass_in, number_in
 from checkweigher_web.work.services import ActionRefusedError
 
-# Duration in s of a training without passes, and additional duration in s for each pass. Both
-# durations were measured on two free cores with `checkweigher tune`, on 20 to 360 passes at one to
-# three speeds.
-_TRAINING, _TRAINING_OF_PASS = 5.0, 0.045
+# Duration in s of a training without passes, and additional duration in s for each pass. They are
+# longer than those of `checkweigher tune` on two free cores, 120 passes at one speed and 360 at
+# three (4 and 11 s), because the line needs a part of the processor.
+_TRAINING, _TRAINING_OF_PASS = 3.0, 0.035
 _MASSES = 2  # number of masses that a verification needs at least, close to Min and to Max
 _MANY = 100_000  # upper bound of the number of passes, exclusive
 _FOR_VERIFICATION = Text(
@@ -68,7 +68,6 @@ class DynamicStep(Step):
         self._lacking: list[Text] = []  # lines on the passes that are not recorded yet
         self._products: list[float] = []  # nominal gross masses of the products in kg
         self._table: list[str] = []  # lines of the accuracy table on the page
-        self._taken = False
         self._request = ''
         with ui.element('div').classes('fields'):
             self._mass = field(self.say('Mass of the product'), unit=self.say.unit)
@@ -103,7 +102,7 @@ class DynamicStep(Step):
             return Standing(False, Text('trained, not taken over yet'))
         if not said.file:
             return Standing(False, Text('not trained'))
-        if self._taken:
+        if self._is_waiting:
             return Standing(False, Text('taken over: start the line again'))
         return Standing(True, Text('taken over'))
 
@@ -184,7 +183,7 @@ class DynamicStep(Step):
 
     def _duration(self) -> str:
         passes = sum(each.passes for each in self._known)
-        if not passes or self._table or self.standing().is_done:
+        if not passes or self._table or self._is_waiting or self.standing().is_done:
             return ''
         time = _time(10 * math.ceil((_TRAINING + passes * _TRAINING_OF_PASS) / 10))
         return Text(
@@ -222,13 +221,13 @@ class DynamicStep(Step):
         """Return the button for the next action.
 
         The button accepts trained parameters if there are any, otherwise restarts the line if
-        parameters were accepted on this page, and otherwise records passes or trains.
+        parameters were accepted since its start, and otherwise records passes or trains.
         """
         said = self.services.setting
         is_idle = said is not None and not self._works(said)
         if self._table:
             return Choice(Text('Take over'), self._take_over, is_idle)
-        if self._taken:
+        if self._is_waiting:
             return Choice(Text('Start the line again'), self._restart, is_idle)
         return self._recording_and_training()[0]
 
@@ -253,7 +252,17 @@ class DynamicStep(Step):
         record = Choice(Text('Record passes'), self._record, is_idle)
         train = Choice(Text('Train'), self._train, has_passes and is_idle)
         is_next = bool(self._known) and not self._lacking and not self.standing().is_done
-        return (train, record) if is_next and not self._table else (record, train)
+        is_next = (is_next and not self._table) or self._is_waiting
+        return (train, record) if is_next else (record, train)
+
+    @property
+    def _is_waiting(self) -> bool:
+        """Whether parameters were taken over, and the line was not started again since then.
+
+        Each start of the line publishes a new record of the load cell.
+        """
+        taken = self.services.taken
+        return taken is not None and taken is self.lane.load_cell
 
     @staticmethod
     def _works(said: DynamicSetting) -> bool:
@@ -312,14 +321,14 @@ class DynamicStep(Step):
             return Text('taken over; the line uses it when it is started again')
 
         what = Text('take over the trained parameters')
-        self._taken = await self.perform(what, take_over)
-        if self._taken:
+        if await self.perform(what, take_over):
+            self.services.taken = self.lane.load_cell
             self._table = []
             self._show_table()
 
     async def _restart(self) -> None:
         restart = partial(self.services.message, ports.RESTART_LINE)
-        self._taken = not await self.perform(Text('start the line again'), restart)
+        await self.perform(Text('start the line again'), restart)
 
 
 def _words(known: Recorded) -> Text:

@@ -102,7 +102,8 @@ class LimitsStep(Step):
         )
         set_limits = partial(actions.set_limits, self.services, wanted)
         if await self.perform(Text('set limits to {limits}', limits=wanted.text), set_limits):
-            self._texts = [str(self._lower.value), str(self._upper.value)]
+            self._lower.set_value(self._entry(wanted.lower))
+            self._upper.set_value(self._entry(wanted.upper))
 
     def _entry(self, limit: float) -> str:
         return self.say.entry(self.say.per_kg * limit) if math.isfinite(limit) else ''

@@ -26,6 +26,7 @@ _SPACING = 1.0
 
 
 def _unknown(_mass: float) -> float:
+    """Return 0, because no standard deviation is known."""
     return 0.0
 
 

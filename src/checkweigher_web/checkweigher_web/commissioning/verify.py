@@ -81,9 +81,10 @@ class VerifyStep(Step):
     def _build(self) -> None:
         say = self.say
         self._said: VerificationProgress | None = None
+        self._shown, self._to_do = '', dict[str, str]()  # verification in the table, its steps
         self._known: tuple[Recorded, ...] = ()  # recorded passes
         self._zero = self.lane.zero  # latest zero that an operator has set.
-        self._weighed = 0  # number of masses since the line was started, in units of `_EACH`
+        self._weighed = 0  # number of masses since the line was started, divided by `_EACH`
         # Plan files, by their paths relative to `VerificationProgress.folder`.
         self._paths: dict[str, Path] = {}
         self._found = ui.label('').classes('found').props('role=status')
@@ -161,7 +162,7 @@ class VerifyStep(Step):
             for key, name in TESTS.items() if fields else ():
                 made = ui.checkbox(self.say(name), value=key in tests)
                 made.on_value_change(partial(self._set_test, key))
-        self._show_summary()
+        self._show_summary(has_new_text=True)
 
     def _add_field(self, entry: Field, value: str) -> None:
         change = partial(self._set_value, entry.path)
@@ -195,16 +196,17 @@ class VerifyStep(Step):
     def _change(self, text: str) -> None:
         self._store(text)
         self._plan.set_value(text)
-        self._show_summary()
+        self._show_summary(has_new_text=True)
 
-    def _show_summary(self) -> None:
+    def _show_summary(self, *, has_new_text: bool = False) -> None:
+        """Show the summary of the plan, and also its steps if its text is new."""
         known = self._known
         line, rows, doubts = summary(self._text, self._facts())
         doubts += lines_of(not_covered(known, loads_of(self._text))) if known else []
         self._found.set_text(self.say(line))
         self._doubts.show(map(self.say, doubts))
         self._doubts.set_visibility(bool(doubts) and self._choice.visible)
-        if self._choice.visible:  # while a verification runs, the table shows its results
+        if has_new_text and self._choice.visible:  # otherwise, the table may show results
             self._table.show([self.say(step), told(to_do, self.say)] for step, to_do in rows)
 
     def _facts(self) -> LineFacts:
@@ -232,13 +234,15 @@ class VerifyStep(Step):
             for element in (self._choice, self._found, self._doubts):
                 element.set_visibility(is_idle)
             if is_idle:
+                self._show_summary()
                 self._show_choices(Path(said.folder))
 
     async def _check_again(self) -> None:
         now = await recorded(self.services), self.lane.zero, self.lane.weighed // _EACH
         if now != (self._known, self._zero, self._weighed) and not self._lines.is_deleted:
             self._known, self._zero, self._weighed = now
-            self._show_summary()
+            if self._choice.visible:
+                self._show_summary()
         if (given := self._plan_facts()) != self._given:
             before, self._given, self._new = self._new, given, new_plan(*given)
             if self._text == before != self._new:
@@ -247,11 +251,9 @@ class VerifyStep(Step):
     def _show_results(self, said: VerificationProgress) -> None:
         if not said.steps:
             return
-        path = Path(said.folder) / VERIFICATIONS / said.name / 'plan.yaml'
-        try:  # The page may have another plan than the verification that runs.
-            to_do = to_do_of(read_input(path).decode('utf-8'))
-        except (OSError, UnicodeDecodeError):
-            to_do = {}
+        if said.name != self._shown:  # The page may have another plan than this verification.
+            self._shown, self._to_do = said.name, _to_do(said)
+        to_do = self._to_do
         self._table.show(
             (self.say(step_words(step)), told(from_node(result) or to_do.get(step, ''), self.say))
             for step, result in zip(said.steps, said.results, strict=True)
@@ -356,6 +358,15 @@ def _request(said: VerificationProgress) -> str:
         step=words,
         text=text,
     )
+
+
+def _to_do(said: VerificationProgress) -> dict[str, str]:
+    """Return what to do in each step of a verification, or {} if its plan cannot be read."""
+    path = Path(said.folder) / VERIFICATIONS / said.name / 'plan.yaml'
+    try:
+        return to_do_of(read_input(path).decode('utf-8'))
+    except (OSError, UnicodeDecodeError):
+        return {}
 
 
 def _made(folders: Iterator[Path]) -> Iterator[tuple[str, str]]:

@@ -79,7 +79,7 @@ _MESSAGES = (
         'change of speed is a FAULT'
     ),
     Text('{belt}; once the step has begun, let {load} pass'),
-    Text('{belt}; once the step has begun, let {load} pass; these passes must be FAULTs, too'),
+    Text('{belt}; once the step has begun, let {load} pass; each of these passes must be a FAULT'),
     Text('{belt}; once the step has begun, let {load} pass, lane {lane}'),
     Text('{done_count} of {count} passes: {mass}, {error_mass}'),
     Text('{done_count} of {count} passes: no mass, {reasons}'),

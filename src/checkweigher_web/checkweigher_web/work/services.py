@@ -24,7 +24,7 @@ from rclpy.task import Future
 
 from checkweigher_core.changes import PERSON, SIGNATURE
 from checkweigher_core.printable import one_line
-from checkweigher_core.records import PerformanceTest, ProductOnLine, VerificationProgress
+from checkweigher_core.records import LoadCell, PerformanceTest, ProductOnLine, VerificationProgress
 from checkweigher_core.ros import ports
 from checkweigher_core.ros.port_node import PortNode
 from checkweigher_core.ros.services import (
@@ -136,6 +136,8 @@ class LaneServices(PortNode):
         mass in kg.
     calibrated : Text or None
         Text on the latest calibration that the page has written, or None if it has written none.
+    taken : LoadCell or None
+        Load cell of the line when trained parameters were taken over last, or None if none were.
     plans : dict of str to str
         Text of the verification plan that each user edited last, by user name, or '' for a new plan
         that was not edited.
@@ -159,6 +161,7 @@ class LaneServices(PortNode):
         self.readings: list[LoadRead] = []
         self.uncertainties: dict[float, float] = {}
         self.calibrated: Text | None = None
+        self.taken: LoadCell | None = None
         self.plans: dict[str, str] = {}
         self.setting: DynamicSetting | None = None
         self.test: PerformanceTest | None = None
