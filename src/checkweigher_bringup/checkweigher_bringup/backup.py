@@ -11,6 +11,7 @@ from io import BytesIO
 import os
 from pathlib import Path, PurePosixPath
 import shutil
+import stat
 import tarfile
 import tempfile
 from typing import IO, Any
@@ -87,10 +88,11 @@ def _add(tar: tarfile.TarFile, folder: Path) -> Iterator[tuple[str, str]]:
     head_bytes: dict[Path, bytes] = {}
     for path in paths:
         name = str(PurePosixPath(_FOLDER, path.relative_to(folder)))
-        if path.is_dir() and not path.is_symlink():
+        mode = _mode(path)
+        if stat.S_ISDIR(mode):
             tar.add(path, name, recursive=False)
             continue
-        if path.is_symlink() or not (path.is_file() or not path.exists()):
+        if mode and not stat.S_ISREG(mode):
             raise UserError(f'{path}: is neither a file nor a folder, so it cannot be saved')
         if head_path(path) in heads:
             data, head_bytes[head_path(path)] = read_consistent(path)
@@ -101,6 +103,17 @@ def _add(tar: tarfile.TarFile, folder: Path) -> Iterator[tuple[str, str]]:
             continue
         tar.addfile(_entry(name, len(data), path), BytesIO(data))
         yield name, hashlib.sha256(data).hexdigest()
+
+
+def _mode(path: Path) -> int:
+    """Return the type and the permissions of a file, or 0 if it was removed.
+
+    They are read at once, because the line may write a temporary file again at any time.
+    """
+    try:
+        return path.lstat().st_mode
+    except FileNotFoundError:
+        return 0
 
 
 def _add_file(tar: tarfile.TarFile, path: Path, name: str) -> Iterator[tuple[str, str]]:
