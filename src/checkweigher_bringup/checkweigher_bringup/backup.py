@@ -101,7 +101,7 @@ def _add(tar: tarfile.TarFile, folder: Path) -> Iterator[tuple[str, str]]:
         else:
             yield from _add_file(tar, path, name)
             continue
-        tar.addfile(_entry(name, len(data), path), BytesIO(data))
+        tar.addfile(_entry(name, len(data), path.stat()), BytesIO(data))
         yield name, hashlib.sha256(data).hexdigest()
 
 
@@ -123,16 +123,16 @@ def _add_file(tar: tarfile.TarFile, path: Path, name: str) -> Iterator[tuple[str
         return
     with file:
         hashed = _Hashed(file)
-        entry = _entry(name, os.fstat(file.fileno()).st_size, path)
+        status = os.fstat(file.fileno())
+        entry = _entry(name, status.st_size, status)
         tar.addfile(entry, hashed)  # type: ignore[arg-type]
     yield name, hashed.digest
 
 
-def _entry(name: str, size: int, path: Path | None = None) -> tarfile.TarInfo:
+def _entry(name: str, size: int, status: os.stat_result | None = None) -> tarfile.TarInfo:
     entry = tarfile.TarInfo(name)
     entry.size = size
-    if path is not None:
-        status = path.stat()
+    if status is not None:
         entry.mode, entry.mtime = status.st_mode & 0o777, status.st_mtime
     return entry
 
