@@ -47,7 +47,7 @@ def test_the_edges_of_a_bag_come_with_the_uncertainty_that_is_stated(plc):
 
 def test_a_device_that_dies_loses_the_eyes_and_comes_back_without_an_invented_edge(plc):
     plc.start()
-    with reading(plc, timeout=0.1) as (eyes, events):
+    with reading(plc, timeout=1.0) as (eyes, events):  # a busy host may answer after 0.1 s
         wait_for(lambda: eyes.figures()['polls'] > 10, 'polls')
         plc.kill()
         wait_for(lambda: events, 'the loss')
