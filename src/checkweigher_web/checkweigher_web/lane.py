@@ -181,7 +181,7 @@ class Lane:
             self.version += 1
 
     def _take_load_cell(self, record: LoadCell) -> None:
-        """Take the load cell of a new stream, which begins with each start of the line."""
+        """Add the load cell of a new stream, which begins with each start of the line."""
         if self.load_cell is not None:
             self.weighed = 0
         self.load_cell = record

@@ -69,9 +69,8 @@ class LoadCheck:
             # and this fall is no vibration.
             time, power = _time(size)
             counts -= time * (time @ counts) / power
-        changes = np.sort(np.abs(_changes(counts, size)))
-        middle = changes[(len(changes) - 1) // 2], changes[len(changes) // 2]
-        seen = float(sum(middle) / 2)  # the median, in a fifth of the time of `np.median`
+        changes = _changes(counts, size)
+        seen = float(np.median(np.abs(changes, out=changes)))
         self._shaking = max(seen, _MEMORY * self._shaking) if whole == self._is_of_window else seen
         self._is_of_window = whole
 

@@ -111,9 +111,13 @@ class VerifyStep(Step):
         self,
     ) -> tuple[str, LoadCell | None, tuple[Recorded, ...], dict[float, float], float]:
         """Return the arguments of `new_plan`, which may change while the page is open."""
-        zero = self.lane.zero.std_dev if self.lane.zero else 0.0
         known = dict(self.services.uncertainties)
-        return self.desk.person, self.lane.load_cell, self._known, known, zero
+        return self.desk.person, self.lane.load_cell, self._known, known, self._zero_std_dev
+
+    @property
+    def _zero_std_dev(self) -> float:
+        """Standard deviation in kg of the latest zero that an operator has set, or 0."""
+        return self.lane.zero.std_dev if self.lane.zero else 0.0
 
     def standing(self) -> Standing:
         """Return whether the last verification has passed, and a text with its verdict.
@@ -211,10 +215,8 @@ class VerifyStep(Step):
 
     def _facts(self) -> LineFacts:
         """Return the facts about the line from which the result of the plan is predicted."""
-        lane = self.lane
-        zero = self._zero.std_dev if self._zero else 0.0
-        spacing = usual_spacing(self._known)
-        return LineFacts(lane.load_cell, lane.usual_std_dev, zero, spacing)
+        lane, spacing = self.lane, usual_spacing(self._known)
+        return LineFacts(lane.load_cell, lane.usual_std_dev, self._zero_std_dev, spacing)
 
     # Procedure
 

@@ -279,7 +279,5 @@ def is_in_window(load: LoadEstimate, window: WeighWindow) -> bool:
     belt stops or an unseen object leaves the belt, the estimate may be far from the mean.
     """
     samples = raw_samples(window)
-    level = float(np.add.reduce(samples) / len(samples))
-    samples -= level
-    spread = math.sqrt(float(samples @ samples) / len(samples))
-    return abs(load.mass - level) <= _SPREAD * spread + _BIAS * abs(level)
+    level = float(np.mean(samples))
+    return abs(load.mass - level) <= _SPREAD * float(np.std(samples)) + _BIAS * abs(level)
